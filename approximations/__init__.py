@@ -1,0 +1,1 @@
+"""The real-time techniques, one module per source system, grouped by theme."""

@@ -1,0 +1,1 @@
+"""The truth: Mitsuba renders, closed forms and brute force in float64, and the store of truths."""

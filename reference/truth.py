@@ -1,0 +1,118 @@
+"""What a truth is, and which way leads to it for a scene and a quantity.
+
+A closed form in float64 is taken where one is declared; otherwise independent Monte Carlo batches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from scenes.contract import SUBSAMPLES, BadInput, Quantity, Scene, discover
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The exact value of a quantity on a scene, with what is known of its error.
+
+    mean: (H, W, C) float64, C = 1 where all channels agree. variance: of that mean, same shape, zeros
+    for a closed form. correlation: (C, C) between the channels of a pixel, pooled over the image.
+    half_difference: (A - B) / 2 of the means of two independent halves, None for a closed form.
+    batches: how many independent batches the variance comes from, 0 for a closed form.
+    """
+
+    mean: np.ndarray
+    variance: np.ndarray
+    correlation: np.ndarray
+    half_difference: np.ndarray | None
+    batches: int
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def exact(self) -> bool:
+        """True for closed forms."""
+        return self.batches == 0
+
+    def halves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Two independent estimates of the truth; twice the truth itself where it is exact."""
+        if self.half_difference is None:
+            return self.mean, self.mean
+        return self.mean + self.half_difference, self.mean - self.half_difference
+
+
+ClosedForm = Callable[[Scene, int], np.ndarray]
+Sampler = Callable[[Scene, int, int, int], np.ndarray]
+CLOSED_FORMS: dict[tuple[type[Scene], str], ClosedForm] = {}
+SAMPLERS: dict[tuple[type[Scene], str], Sampler] = {}
+
+
+def closed_form(scene: type[Scene], quantity: Quantity) -> Callable[[ClosedForm], ClosedForm]:
+    """Declare f(scene, size) -> (size, size, C) float64, exact at the centres of size x size samples."""
+
+    def declare(function: ClosedForm) -> ClosedForm:
+        CLOSED_FORMS[scene, quantity.name] = function
+        return function
+
+    return declare
+
+
+def sampler(scene: type[Scene], quantity: Quantity) -> Callable[[Sampler], Sampler]:
+    """Declare f(scene, size, spp, seed) -> (size, size, C): one unbiased batch, where `mi.render` of
+    the scene's own sensor does not answer the question."""
+
+    def declare(function: Sampler) -> Sampler:
+        SAMPLERS[scene, quantity.name] = function
+        return function
+
+    return declare
+
+
+def has_closed_form(scene: type[Scene], quantity: Quantity) -> bool:
+    """Whether the truth is a closed form."""
+    return _find(CLOSED_FORMS, scene, quantity) is not None
+
+
+def find_sampler(scene: type[Scene], quantity: Quantity) -> Sampler | None:
+    """The declared sampler, None where Mitsuba's own render serves."""
+    return _find(SAMPLERS, scene, quantity)
+
+
+def evaluate_closed_form(scene: Scene, quantity: Quantity, size: int) -> Truth:
+    """The closed form averaged over SUBSAMPLES^2 points of every pixel; probes have one point each."""
+    function = _find(CLOSED_FORMS, type(scene), quantity)
+    if function is None:
+        raise BadInput(f"{type(scene).__name__} has no closed form of {quantity.name}")
+    fine = 1 if quantity.probes else SUBSAMPLES
+    mean = box_filter(function(scene, size * fine), fine)
+    channels = mean.shape[2]
+    return Truth(
+        mean,
+        np.zeros_like(mean),
+        np.eye(channels),
+        None,
+        0,
+        {
+            "method": "closed form in float64",
+            "function": f"{function.__module__}.{function.__name__}",
+            "scene": type(scene).__name__,
+            "fields": scene.fields(),
+            "quantity": quantity.name,
+            "size": size,
+        },
+    )
+
+
+def box_filter(image: np.ndarray, n: int) -> np.ndarray:
+    """Mean over n x n blocks of a (H, W, C) image."""
+    h, w, c = image.shape
+    return image.reshape(h // n, n, w // n, n, c).mean(axis=(1, 3), dtype=np.float64)
+
+
+def _find(table: dict, scene: type[Scene], quantity: Quantity):
+    import reference
+
+    discover(reference)
+    return next((table[c, quantity.name] for c in scene.__mro__ if (c, quantity.name) in table), None)

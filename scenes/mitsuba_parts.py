@@ -1,0 +1,123 @@
+"""Pieces of Mitsuba scene dictionaries and G-buffers that several scenes share."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scenes.contract import Camera, Surface
+
+SUN_DISTANCE = 1e5  # m: parallax across a scene of a few metres stays under 1e-4 rad
+
+
+def direction(elevation_deg: float, azimuth_deg: float = 0.0) -> list[float]:
+    """Unit vector at an elevation above the xy plane and an azimuth from +x towards +y."""
+    e, a = math.radians(elevation_deg), math.radians(azimuth_deg)
+    return [math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)]
+
+
+def film(size: int) -> dict:
+    """A square film with the box filter, so that pixels are independent."""
+    return {
+        "type": "hdrfilm",
+        "width": size,
+        "height": size,
+        "pixel_format": "rgb",
+        "rfilter": {"type": "box"},
+    }
+
+
+def perspective(origin: list[float], target: list[float], fov: float, size: int, **more: Any) -> dict:
+    """A pinhole camera with z up; fov in degrees across the image."""
+    up = [0, 0, 1] if abs(origin[0] - target[0]) + abs(origin[1] - target[1]) > 1e-6 else [0, 1, 0]
+    return {
+        "type": "perspective",
+        "fov": fov,
+        "near_clip": 0.01,
+        "far_clip": 1e4,
+        "to_world": mi.ScalarTransform4f().look_at(origin, target, up),
+        "film": film(size),
+        **more,
+    }
+
+
+def orthographic(origin: list[float], target: list[float], half_width: float, size: int) -> dict:
+    """A parallel camera with z up that sees half_width to each side of the target."""
+    return {
+        "type": "orthographic",
+        "near_clip": 0.01,
+        "far_clip": 1e4,
+        "to_world": mi.ScalarTransform4f()
+        .look_at(origin, target, [0, 0, 1])
+        .scale([half_width, half_width, 1]),
+        "film": film(size),
+    }
+
+
+def round_sun(toward: list[float], angular_radius: float, irradiance: float) -> dict:
+    """A far sphere that subtends angular_radius and gives `irradiance` to a surface that faces it."""
+    radiance = irradiance / (math.pi * math.sin(angular_radius) ** 2)
+    return {
+        "type": "sphere",
+        "center": [SUN_DISTANCE * x for x in toward],
+        "radius": SUN_DISTANCE * math.sin(angular_radius),
+        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance}},
+    }
+
+
+def point_sun(toward: list[float], irradiance: float) -> dict:
+    """A directional light."""
+    return {
+        "type": "directional",
+        "direction": [-x for x in toward],
+        "irradiance": {"type": "rgb", "value": irradiance},
+    }
+
+
+def uniform_sky(radiance: float) -> dict:
+    """The same radiance from every direction."""
+    return {"type": "constant", "radiance": {"type": "rgb", "value": radiance}}
+
+
+def diffuse(albedo: float | list[float]) -> dict:
+    """A Lambertian surface."""
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": albedo}}
+
+
+def camera_rays(sensor: mi.Sensor, size: int) -> Camera:
+    """Rays through the centres of size x size pixels, row by row from the top."""
+    i = dr.arange(mi.UInt32, size * size)
+    at = mi.Point2f(i % size + 0.5, i // size + 0.5) / size
+    ray, _ = sensor.sample_ray(time=0.0, sample1=0.5, sample2=at, sample3=mi.Point2f(0.5))
+    forward = sensor.world_transform() @ mi.Vector3f(0, 0, 1)
+    return Camera(
+        origin=mi.Point3f(ray.o),
+        direction=mi.Vector3f(ray.d),
+        forward=dr.normalize(mi.Vector3f(forward)),
+        near=float(sensor.near_clip()),
+        far=float(sensor.far_clip()),
+    )
+
+
+def g_buffer(surfaces: mi.Scene, camera: Camera) -> Surface:
+    """First hits of the camera rays with the opaque surfaces of a scene."""
+    si = surfaces.ray_intersect(mi.Ray3f(camera.origin, camera.direction))
+    valid = si.is_valid()
+    normal = dr.select(dr.dot(si.sh_frame.n, camera.direction) > 0, -si.sh_frame.n, si.sh_frame.n)
+    albedo = si.bsdf().eval_diffuse_reflectance(si, valid)
+    surface = Surface(valid, si.p, mi.Vector3f(normal), mi.Color3f(albedo), si.t)
+    dr.eval(surface.valid, surface.position, surface.normal, surface.albedo, surface.distance)
+    return surface
+
+
+def ray_caster(surfaces: mi.Scene):
+    """visible(p, n, w): true where no surface lies from p along w. p is lifted along n by 1e-4 m."""
+
+    def visible(p: mi.Point3f, n: mi.Vector3f, w: mi.Vector3f) -> mi.Bool:
+        return ~surfaces.ray_test(mi.Ray3f(p + 1e-4 * n, w))
+
+    return visible
