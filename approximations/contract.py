@@ -155,8 +155,10 @@ class Technique:
         known = self.knobs()
         for name in given:
             if name not in known:
-                raise unknown(f"knob of {self.name}", name, known) if known else BadInput(
-                    f"{self.name} has no knobs, so {name!r} cannot be set: drop it"
+                raise (
+                    unknown(f"knob of {self.name}", name, known)
+                    if known
+                    else BadInput(f"{self.name} has no knobs, so {name!r} cannot be set: drop it")
                 )
         return {n: check_value(self.name, n, hint, given.get(n, d)) for n, (hint, d) in known.items()}
 

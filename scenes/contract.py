@@ -48,9 +48,7 @@ RADIANCE = Quantity("radiance", "W m^-2 sr^-1", "radiance", "all light transport
 DIRECT_RADIANCE = Quantity(
     "direct_radiance", "W m^-2 sr^-1", "radiance", "light that met one surface and no other"
 )
-SINGLE_SCATTERING = Quantity(
-    "single_scattering", "W m^-2 sr^-1", "radiance", "light that was scattered once"
-)
+SINGLE_SCATTERING = Quantity("single_scattering", "W m^-2 sr^-1", "radiance", "light that was scattered once")
 SOURCE_FUNCTION = Quantity(
     "source_function", "W m^-2 sr^-1", "radiance", "in-scattered radiance at a point, all orders", probes=True
 )
