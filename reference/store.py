@@ -1,0 +1,229 @@
+"""The store of truths: EXR files that say all about themselves, named by what their pixels depend on.
+
+Two folders are searched: the user's store, then the truths that come with the repository. A file
+holds the mean (float32, rounded to a quarter of its standard error or finer), the standard error and
+half the difference of two independent halves (float16 of 5 significant bits, scaled): all far below
+the noise, and half the size. Its header holds the provenance and a digest of the pixels. A file whose digest, key or shape does not fit is named and never used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from reference.toolchain import cache_folder
+from reference.transport import Effort, effort
+from reference.truth import Truth, evaluate_closed_form, find_sampler, has_closed_form
+from scenes.contract import BadInput, Quantity, Scene
+
+SHIPPED = Path(__file__).resolve().parents[1] / "truths"
+CHANNELS = "RGB"
+
+
+class DamagedTruth(BadInput):
+    """A stored truth that cannot be used, named with the command that renders it again."""
+
+
+def user_store() -> Path:
+    """LIGHTPROOF_STORE, else `truths` in the user's cache."""
+    return Path(os.environ.get("LIGHTPROOF_STORE") or cache_folder() / "truths")
+
+
+def fingerprint(value: Any) -> Any:
+    """Plain data that changes when the pixels would: floats to 6 digits, arrays as digests."""
+    if isinstance(value, dict):
+        return {str(k): fingerprint(value[k]) for k in sorted(value, key=str)}
+    if isinstance(value, (list, tuple)):
+        return [fingerprint(v) for v in value]
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    array = np.asarray(getattr(value, "matrix", value), np.float64)
+    mantissa, exponent = np.frexp(array)
+    rounded = np.stack([np.round(mantissa * 4096), exponent]).astype(np.int32)
+    return [list(array.shape), hashlib.sha256(rounded.tobytes()).hexdigest()]
+
+
+def truth_key(scene: Scene, quantity: Quantity, size: int, how: Effort) -> str:
+    """Digest of everything that the stored pixels depend on."""
+    import inspect
+
+    import mitsuba as mi
+
+    from reference.render import method
+
+    declared = find_sampler(type(scene), quantity)
+    content = {
+        "scene": fingerprint(scene.mitsuba(size)),
+        "fields": fingerprint(scene.fields()),
+        "quantity": quantity.name,
+        "size": size,
+        "method": method(scene, quantity, size),
+        "code": inspect.getsource(inspect.getmodule(declared)) if declared else "",
+        "effort": [how.spp, how.batches, how.seed],
+        "mitsuba": mi.__version__,
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def file_name(scene: Scene, quantity: Quantity, size: int, key: str) -> str:
+    """Readable part, then the key that decides."""
+    return f"{type(scene).__name__}-{quantity.name}-{size}-{key[:16]}.exr"
+
+
+def find(name: str) -> Path | None:
+    """The stored file of that name, the user's store before the shipped truths."""
+    return next((p for p in (user_store() / name, SHIPPED / name) if p.is_file()), None)
+
+
+def obtain(
+    scene: Scene,
+    quantity: Quantity,
+    size: int,
+    *,
+    seed: int = 1,
+    warn: Callable[[str], None] = lambda message: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[Truth, str]:
+    """The truth and its key: closed form, else from the store, else rendered now and stored.
+
+    A damaged file is named through `warn`, and a sound one is rendered into the user's store.
+    """
+    if quantity not in scene.quantities:
+        known = ", ".join(q.name for q in scene.quantities)
+        raise BadInput(f"{type(scene).__name__} has no {quantity.name}: it has {known}")
+    if has_closed_form(type(scene), quantity):
+        return evaluate_closed_form(scene, quantity, size), "closed-form"
+    how = effort(scene.mitsuba(size), size)
+    how = Effort(how.spp, how.batches, seed)
+    key = truth_key(scene, quantity, size, how)
+    name = file_name(scene, quantity, size, key)
+    for path in (user_store() / name, SHIPPED / name):
+        if path.is_file():
+            try:
+                return load(path, key), key
+            except DamagedTruth as damage:
+                warn(str(damage))
+    from reference.render import render_truth
+
+    truth = render_truth(scene, quantity, size, how, progress)
+    save(user_store() / name, truth, key)
+    return load(user_store() / name, key), key
+
+
+def save(path: Path, truth: Truth, key: str) -> None:
+    """Write a truth in one step: a reader sees the whole file or none. Raises BadInput if it cannot."""
+    import OpenEXR
+
+    error = np.sqrt(truth.variance)
+    scale = float(error.max()) or 1.0
+    step = np.exp2(np.floor(np.log2(np.maximum(error, 1e-30))) - 2)
+    mean = np.where(error > 0, np.round(truth.mean / step) * step, truth.mean).astype(np.float32)
+    half = truth.half_difference if truth.half_difference is not None else np.zeros_like(mean)
+    channels = {}
+    for c, letter in enumerate(CHANNELS[: mean.shape[2]] if mean.shape[2] > 1 else "Y"):
+        channels[letter] = np.ascontiguousarray(mean[..., c])
+        channels[f"error.{letter}"] = coarse(error[..., c] / scale)
+        channels[f"half.{letter}"] = coarse(half[..., c] / scale)
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "lightproof": json.dumps(
+            {
+                **truth.provenance,
+                "key": key,
+                "scale": scale,
+                "batches": truth.batches,
+                "correlation": np.round(truth.correlation, 6).tolist(),
+                "pixels": pixel_digest(channels),
+            },
+            sort_keys=True,
+        ),
+    }
+    write_exr(path, header, channels)
+
+
+def coarse(values: np.ndarray) -> np.ndarray:
+    """Rounded to 5 significant bits (within 3 %), as float16."""
+    mantissa, exponent = np.frexp(values)
+    return np.ldexp(np.round(mantissa * 32) / 32, exponent).astype(np.float16)
+
+
+def load(path: Path, key: str | None = None) -> Truth:
+    """Read a truth. Raises DamagedTruth where the file is not the one that was written for `key`."""
+    header, channels = read_exr(path)
+    again = "lightproof reference render"
+    try:
+        about = json.loads(header["lightproof"])
+    except (KeyError, ValueError):
+        raise DamagedTruth(
+            f"{path} has no record of how it was made; delete it and run {again} to replace it"
+        ) from None
+    if about.get("pixels") != pixel_digest(channels):
+        raise DamagedTruth(
+            f"{path} is damaged (its pixels do not match its digest); delete it and run {again} to replace it"
+        )
+    if key is not None and about.get("key") != key:
+        raise DamagedTruth(
+            f"{path} is the truth of another question (its key differs); delete it and run {again}"
+        )
+    letters = [c for c in (*CHANNELS, "Y") if c in channels]
+
+    def stack(prefix: str) -> np.ndarray:
+        return np.stack([channels[prefix + c].astype(np.float64) for c in letters], axis=-1)
+
+    return Truth(
+        mean=stack(""),
+        variance=(stack("error.") * about["scale"]) ** 2,
+        correlation=np.asarray(about["correlation"]),
+        half_difference=stack("half.") * about["scale"],
+        batches=about["batches"],
+        provenance={k: v for k, v in about.items() if k not in ("scale", "correlation", "pixels")},
+    )
+
+
+def pixel_digest(channels: dict[str, np.ndarray]) -> str:
+    """SHA-256 of all channels in the order of their names."""
+    digest = hashlib.sha256()
+    for name in sorted(channels):
+        digest.update(name.encode() + np.ascontiguousarray(channels[name]).tobytes())
+    return digest.hexdigest()
+
+
+def write_exr(path: Path, header: dict, channels: dict[str, np.ndarray]) -> None:
+    """Write an EXR beside its place, check it, and move it there. Raises BadInput if it cannot."""
+    import OpenEXR
+
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with OpenEXR.File(header, channels) as exr:
+            exr.write(str(partial))
+        read_exr(partial)
+        os.replace(partial, path)
+    except (OSError, RuntimeError, DamagedTruth) as error:
+        partial.unlink(missing_ok=True)
+        reason = getattr(error, "strerror", None) or "the disk is full or the folder is not writable"
+        raise BadInput(
+            f"cannot write {path}: {reason}; free space there or choose another folder"
+        ) from error
+
+
+def read_exr(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """Header and channels of an EXR file. Raises DamagedTruth where it is not a whole EXR file."""
+    import OpenEXR
+
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as exr:
+            channels = {name: np.array(c.pixels) for name, c in exr.channels().items()}
+            return dict(exr.header()), channels
+    except Exception as error:
+        reason = "no such file" if not Path(path).exists() else "not an EXR file, or cut short"
+        raise DamagedTruth(f"cannot read {path}: {reason}; give a whole OpenEXR file") from error
