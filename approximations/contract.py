@@ -63,7 +63,8 @@ class Claim:
     """Something that must hold, tested for every technique that says so.
 
     "linear in light": twice the light, twice the image. "at most": no value exceeds `bound`.
-    "exact": with these fields and knobs the relative RMS error stays under `bound`.
+    "exact": with these fields and knobs the relative RMS error stays under `bound`, against the truth of
+    `quantity` where one is named and of what the technique estimates where not.
     """
 
     kind: Literal["linear in light", "at most", "exact"]
@@ -71,6 +72,7 @@ class Claim:
     scene: str = ""
     fields: dict[str, Any] = field(default_factory=dict)
     knobs: dict[str, Any] = field(default_factory=dict)
+    quantity: Quantity | None = None
 
 
 LINEAR_IN_LIGHT = Claim("linear in light")
@@ -81,9 +83,15 @@ def at_most(bound: float) -> Claim:
     return Claim("at most", bound)
 
 
-def exact_when(scene: str, bound: float, fields: dict | None = None, knobs: dict | None = None) -> Claim:
+def exact_when(
+    scene: str,
+    bound: float,
+    fields: dict | None = None,
+    knobs: dict | None = None,
+    quantity: Quantity | None = None,
+) -> Claim:
     """On this scene with these fields and knobs the relative RMS error is under the bound."""
-    return Claim("exact", bound, scene, fields or {}, knobs or {})
+    return Claim("exact", bound, scene, fields or {}, knobs or {}, quantity)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Error, cost, statistics, thresholds and runs: the harness measures, a technique never grades itself."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -124,3 +125,23 @@ def from_batches(images: np.ndarray) -> Truth:
             "heaviest_tail": {"pixel": [int(x), int(y)], "share_of_one_batch": float(share[y, x].max())},
         },
     )
+
+
+def render_file(path: Path, spp: int, count: int = 16) -> Truth:
+    """A truth from a Mitsuba XML file, with the sensor and integrator that it names.
+
+    Raises BadInput where the file is missing or Mitsuba rejects it.
+    """
+    if not path.is_file():
+        raise BadInput(f"{path}: no such file; give a Mitsuba scene in XML")
+    try:
+        loaded = mi.load_file(str(path))
+        drawn = [to_array(mi.render(loaded, spp=spp, seed=1 + k)) for k in range(count)]
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(f"Mitsuba rejects {path}: {reason}") from error
+    truth = from_batches(np.stack(drawn)[..., :3])
+    truth.provenance.update(
+        {"method": "Monte Carlo", "scene": path.name, "spp": spp * count, "batches": count, "seed": 1}
+    )
+    return truth

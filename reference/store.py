@@ -3,7 +3,8 @@
 Two folders are searched: the user's store, then the truths that come with the repository. A file
 holds the mean (float32, rounded to a quarter of its standard error or finer), the standard error and
 half the difference of two independent halves (float16 of 5 significant bits, scaled): all far below
-the noise, and half the size. Its header holds the provenance and a digest of the pixels. A file whose digest, key or shape does not fit is named and never used.
+the noise, and half the size. Its header holds the provenance and a digest of the pixels. A file whose
+digest, key or shape does not fit is named and never used.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ CHANNELS = "RGB"
 
 class DamagedTruth(BadInput):
     """A stored truth that cannot be used, named with the command that renders it again."""
+
+
+class CannotWrite(BadInput):
+    """A file could not be written: a full disk, or a folder without the right to write."""
 
 
 def user_store() -> Path:
@@ -101,7 +106,7 @@ def obtain(
         raise BadInput(f"{type(scene).__name__} has no {quantity.name}: it has {known}")
     if has_closed_form(type(scene), quantity):
         return evaluate_closed_form(scene, quantity, size), "closed-form"
-    how = effort(scene.mitsuba(size), size)
+    how = effort(scene.mitsuba(size))
     how = Effort(how.spp, how.batches, seed)
     key = truth_key(scene, quantity, size, how)
     name = file_name(scene, quantity, size, key)
@@ -119,7 +124,7 @@ def obtain(
 
 
 def save(path: Path, truth: Truth, key: str) -> None:
-    """Write a truth in one step: a reader sees the whole file or none. Raises BadInput if it cannot."""
+    """Write a truth in one step: a reader sees the whole file or none. Raises CannotWrite if it cannot."""
     import OpenEXR
 
     error = np.sqrt(truth.variance)
@@ -198,7 +203,7 @@ def pixel_digest(channels: dict[str, np.ndarray]) -> str:
 
 
 def write_exr(path: Path, header: dict, channels: dict[str, np.ndarray]) -> None:
-    """Write an EXR beside its place, check it, and move it there. Raises BadInput if it cannot."""
+    """Write an EXR beside its place, check it, and move it there. Raises CannotWrite if it cannot."""
     import OpenEXR
 
     partial = path.with_name(f".{path.name}.{os.getpid()}")
@@ -207,11 +212,11 @@ def write_exr(path: Path, header: dict, channels: dict[str, np.ndarray]) -> None
         with OpenEXR.File(header, channels) as exr:
             exr.write(str(partial))
         read_exr(partial)
-        os.replace(partial, path)
+        partial.replace(path)
     except (OSError, RuntimeError, DamagedTruth) as error:
         partial.unlink(missing_ok=True)
         reason = getattr(error, "strerror", None) or "the disk is full or the folder is not writable"
-        raise BadInput(
+        raise CannotWrite(
             f"cannot write {path}: {reason}; free space there or choose another folder"
         ) from error
 

@@ -49,11 +49,7 @@ def integrator(description: dict, quantity: Quantity) -> dict:
     return {"type": "path", "max_depth": -1}
 
 
-def effort(description: dict, size: int) -> Effort:
-    """Samples that bring a pixel to about 1 % of its value, at the scale of the image.
-
-    Media have longer paths and get fewer; small images of a sweep get more, since fewer pixels average.
-    """
+def effort(description: dict) -> Effort:
+    """Samples that bring a pixel to about 1 % of its value. Media have longer paths and get fewer."""
     media = bool(plugin_types(description) & MEDIA)
-    spp = 32 if media else 256
-    return Effort(spp=spp * (4 if size <= 64 else 1))
+    return Effort(spp=32 if media else 256)

@@ -159,7 +159,7 @@ class Fog:
     c: float
     albedo: float
     colour: float  # the constant in-scattered radiance that an artist would set
-    box_exit: Any  # distance along each camera ray to where the fog ends, m
+    box_exit: Callable[[Any, Any], Any]  # (point inside, direction): distance to where the fog ends, m
 
 
 @dataclass(frozen=True)
@@ -179,13 +179,17 @@ class Fragments:
     """What the rasteriser emits, in arrival order: flat arrays of one entry per fragment.
 
     pixel: index y * width + x; depth: NDC z in [-1, 1], -1 nearest; colour (not premultiplied); alpha.
+    distance: along the ray from the eye (m, float64), which no rasteriser keeps: for exact stages.
+    draws: fragments of each primitive, in the order drawn; no primitive covers a pixel twice.
     """
 
     pixel: Any
     depth: Any
+    distance: Any
     colour: Any
     alpha: Any
     background: Any  # colour per pixel
+    draws: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -248,7 +252,7 @@ class Scene:
         """The numeric fields and their ranges."""
         found = {}
         for name, hint in cls.field_types().items():
-            found |= {name: m for m in getattr(hint, "__metadata__", ()) if isinstance(m, Axis)}
+            found.update((name, m) for m in getattr(hint, "__metadata__", ()) if isinstance(m, Axis))
         return found
 
     def fields(self) -> dict[str, Any]:

@@ -112,7 +112,7 @@ class Valley(Sunlit):
     light_azimuth: Annotated[float, Axis(0, 360, unit="deg")] = 160.0
 
     WALL = 2.0  # m, from the bottom to the edge
-    LENGTH = 200.0  # m to each side of the camera's target
+    LENGTH = 200.0  # m to each side of the origin
 
     def surfaces(self) -> dict:
         return {"left": self._wall(-1), "right": self._wall(1)}

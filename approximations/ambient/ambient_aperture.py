@@ -71,9 +71,9 @@ class Apertures:
     claims=(
         LINEAR_IN_LIGHT,
         exact_when(
-            "SphereOverPlane",
+            "Valley",
             0.01,
-            fields={"gap": 2.0, "light_elevation": 90.0, "albedo": 0.01, "light_radius": 0.005},
+            fields={"slope": 5.0, "light_elevation": 90.0, "light_radius": 0.005},
             knobs={"overlap": "exact", "cosine": "exact", "sky_cosine": "exact", "rays": 1024},
         ),
     ),
@@ -98,7 +98,7 @@ def ambient_aperture(
     """
     surface, sun = view.surface, view.sun
     n, a, r0 = surface.normal, apertures.axis, apertures.radius
-    l, r1 = sun.direction, mi.Float(sun.angular_radius)
+    l, r1 = sun.direction, mi.Float(sun.angular_radius if sun.irradiance > 0 else 0)
     d = dr.safe_acos(dr.dot(a, l))
 
     if overlap == "exact":

@@ -1,0 +1,185 @@
+r"""Real-time light of clouds: Beer, powder, a broad forward lobe and a rain gain on one light depth.
+
+GPU Pro 7, chapter II.4, section 4.4. Light that meets a cloud many times is left to one curve over the
+optical depth d from a point towards the sun; what the point sends to the eye is E_sun E(d) f(cos).
+
+    E = e^-d                               Beer: exact for light that is scattered once           (4.4.2)
+    f = (1 - g^2) / (4 pi (1 + g^2 - 2 g cos)^1.5),  g = 0.2                                     (4.4.3)
+    P = 1 - e^(-2 d)                       in-scattering probability, the "powder" of dark edges  (4.4.4)
+    E = 2 e^-d (1 - e^(-2 d))              Beer and powder in one: at most 0.770, at d = 0.549    (4.4.4)
+    E = 2 e^(-d p) (1 - e^(-2 d))          rain: the precipitation p >= 1 multiplies d            (4.4.5)
+    d = h sum_{i=1..n} sigma(x + i h l) + 2 r sigma(x + 3 r l),  h = r / n, n = 6, plus one far sample
+
+The view ray is cut in even steps with one sample amid each. Over a step of optical depth a the source is
+taken as constant, L += T albedo E_sun E f (1 - e^-a), T *= e^-a, which solves the transfer equation as the
+steps shrink; the sums of the chapter's own listing depend on the number of steps.
+
+In print, and what was done here:
+- The listing of f divides by 4 and multiplies by 3.1415: pi^2 times too much. The displayed equation is
+  right. `phase="printed"` keeps the slip.
+- The powder curve stands alone as P and inside the product; `energy="powder"` is P with neither the gain
+  of 2 nor Beer's factor.
+- The text lets rain increase the density of both factors, the summary only Beer's exponent: `rain_in`.
+  Along the view ray it does neither, so that silhouettes stay as they are without rain.
+- The sum of densities is printed without a length; here sigma is an extinction (1/m) and h a length.
+- The length of the light march is not given: `light_reach` is r, by default 0.1 of the clouds' 1 m, as
+  350 m are of a layer of 3.5 km. Nor is the weight of the far sample; it stands for the stretch r .. 3 r
+  that it closes. The samples lie on the line to the sun, not in a cone.
+- There is no light of the sky.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import drjit as dr
+import mitsuba as mi
+
+from approximations.contract import (
+    LINEAR_IN_LIGHT,
+    MULTIPLE_SCATTERING,
+    PHASE_FUNCTION,
+    SAMPLING,
+    Domain,
+    Sweep,
+    exact_when,
+    technique,
+)
+from approximations.kit.phase import henyey_greenstein
+from scenes.cloud import CloudSlab, CloudSphere
+from scenes.contract import RADIANCE, SINGLE_SCATTERING, SOURCE_FUNCTION, Cloud, Scene, View
+
+ONCE_SCATTERED = {"energy": "beer", "phase": "exact", "light": "exact", "steps": 1024}
+
+
+@technique(
+    source="GPU Pro 7, II.4, sec. 4.4",
+    covers=tuple(f"cloudscapes/{i:02d}" for i in range(8, 13)),
+    estimates=SOURCE_FUNCTION,
+    on=(CloudSlab,),
+    replaces="the source function of all orders of scattering",
+    neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
+    claims=(LINEAR_IN_LIGHT,),
+    stress={"CloudSlab": ("optical_depth", "sun_elevation")},
+)
+def cloud_source(
+    view: View,
+    *,
+    energy: Literal["beer", "powder", "beer_powder"] = "beer_powder",
+    phase: Literal["hg", "printed", "exact"] = "hg",
+    g: Annotated[float, Sweep(-0.5, 0.0, 0.2, 0.5, 0.85, low=-0.95, high=0.95)] = 0.2,
+    rain_in: Literal["beer", "both"] = "beer",
+    light: Literal["march", "exact"] = "march",
+    light_steps: Annotated[int, Sweep(1, 6, 16, 64, low=1, high=1024)] = 6,
+    light_reach: Annotated[float, Sweep(0.05, 0.1, 0.25, 1.0, low=0.001, high=100)] = 0.1,
+) -> mi.Color3f:
+    """Source function E_sun E f (W m^-2 sr^-1) at the probes: the camera's origins are points in the
+    cloud, its directions run from eye to sample. Knobs as in `cloud_light`."""
+    depth = _light_depth(view, view.camera.origin, light, light_steps, light_reach)
+    lobe = _lobe(view, phase, g)
+    return mi.Color3f(view.sun.irradiance * _energy(depth, view.cloud.precipitation, energy, rain_in) * lobe)
+
+
+@technique(
+    source="GPU Pro 7, II.4, sec. 4.4 and 4.5",
+    covers=tuple(f"cloudscapes/{i:02d}" for i in range(8, 13)),
+    estimates=RADIANCE,
+    also=(SINGLE_SCATTERING,),
+    on=(CloudSlab, CloudSphere),
+    replaces="all orders of scattering in a cloud in sunlight",
+    neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
+    claims=(
+        LINEAR_IN_LIGHT,
+        exact_when("CloudSlab", 0.01, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
+        exact_when("CloudSphere", 0.02, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
+    ),
+    stress={"CloudSphere": ("sun_angle", "optical_depth"), "CloudSlab": ("optical_depth", "sun_elevation")},
+)
+def cloud_light(
+    view: View,
+    *,
+    energy: Literal["beer", "powder", "beer_powder"] = "beer_powder",
+    phase: Literal["hg", "printed", "exact"] = "hg",
+    g: Annotated[float, Sweep(-0.5, 0.0, 0.2, 0.5, 0.85, low=-0.95, high=0.95)] = 0.2,
+    rain_in: Literal["beer", "both"] = "beer",
+    light: Literal["march", "exact"] = "march",
+    light_steps: Annotated[int, Sweep(1, 6, 16, 64, low=1, high=1024)] = 6,
+    light_reach: Annotated[float, Sweep(0.05, 0.1, 0.25, 1.0, low=0.001, high=100)] = 0.1,
+    steps: Annotated[int, Sweep(16, 64, 128, 512, low=1, high=8192)] = 128,
+) -> mi.Color3f:
+    """Radiance (W m^-2 sr^-1) towards the camera, one colour per pixel, before a black sky.
+
+    energy       E(d): Beer alone, the powder P alone, or their product with the gain 2.
+    phase        Henyey-Greenstein of `g`, the same as "printed" (pi^2 too much), or "exact": of the cloud's
+                 own mean cosine.
+    g            mean cosine of the broad lobe.
+    rain_in      whether the precipitation multiplies the depth in Beer's factor only or in "both".
+    light        d from a march, or "exact": extinction times the way out, for clouds of one density.
+    light_steps  samples of the march before the far one.
+    light_reach  length of the march r, m; the far sample stands at 3 r.
+    steps        samples along the view ray.
+    """
+    cloud, o, w = view.cloud, view.camera.origin, view.camera.direction
+    near, far = cloud.span(o, w)
+    ds = (far - near) / steps
+
+    def march(i, through, gathered):
+        x = o + (near + (mi.Float(i) + 0.5) * ds) * w
+        a = cloud.extinction(x) * ds
+        depth = _light_depth(view, x, light, light_steps, light_reach)
+        lit = _energy(depth, cloud.precipitation, energy, rain_in)
+        kept = dr.exp(-a)
+        return i + 1, through * kept, gathered + through * (1 - kept) * lit
+
+    start = (mi.UInt32(0), dr.ones(mi.Float, dr.width(near)), dr.zeros(mi.Float, dr.width(near)))
+    _, _, gathered = dr.while_loop(start, lambda i, through, gathered: i < steps, march)
+    return mi.Color3f(view.sun.irradiance * cloud.albedo * _lobe(view, phase, g) * gathered)
+
+
+@cloud_source.domain
+@cloud_light.domain
+def domain(scene: Scene) -> Domain:
+    """Low water clouds by day, thick enough to have a dark side, with or without rain (4.4.1, 4.4.5)."""
+    if scene.albedo < 0.99 or not 0.7 <= scene.g <= 0.9:
+        return Domain(
+            False, "not a cloud of water droplets, which absorb next to nothing and scatter forwards"
+        )
+    if scene.optical_depth < 4:
+        return Domain(False, "a thin veil: the curve takes its light depth for the inside of a cloud")
+    if isinstance(scene, CloudSlab) and scene.sun_elevation < 10:
+        return Domain(False, "the light's way through a layer under a low sun is longer than the march")
+    return Domain(True)
+
+
+def _energy(d: mi.Float, p: float, energy: str, rain_in: str) -> mi.Float:
+    """E(d) with the rain gain p (4.4.2, 4.4.4, 4.4.5)."""
+    beer = dr.exp(-d * p)
+    powder = 1 - dr.exp(-2 * d * (p if rain_in == "both" else 1))
+    return {"beer": beer, "powder": powder, "beer_powder": 2 * beer * powder}[energy]
+
+
+def _lobe(view: View, phase: str, g: float) -> mi.Float:
+    """Phase function between the view ray and the way to the sun (4.4.3)."""
+    cosine = dr.dot(view.camera.direction, view.sun.direction)
+    lobe = henyey_greenstein(cosine, view.cloud.g if phase == "exact" else g)
+    return lobe * (3.1415 * dr.pi) if phase == "printed" else lobe
+
+
+def _light_depth(view: View, x: mi.Point3f, light: str, steps: int, reach: float) -> mi.Float:
+    """Optical depth from x towards the sun, without rain (4.4.2, 4.5.2)."""
+    cloud, l = view.cloud, view.sun.direction
+    if light == "exact":
+        _, way_out = cloud.span(x, l)
+        return cloud.extinction(x) * way_out
+    return _marched_depth(cloud, x, l, steps, reach)
+
+
+def _marched_depth(cloud: Cloud, x: mi.Point3f, l: mi.Vector3f, steps: int, reach: float) -> mi.Float:
+    h = reach / steps
+
+    def march(i, total):
+        return i + 1, total + cloud.extinction(x + mi.Float(i) * h * l)
+
+    start = (mi.UInt32(1), dr.zeros(mi.Float, dr.width(x)))
+    _, total = dr.while_loop(start, lambda i, total: i <= steps, march)
+    return h * total + 2 * reach * cloud.extinction(x + 3 * reach * l)

@@ -1,0 +1,120 @@
+"""The one instrument of cost, for techniques and for the path tracer: Dr.Jit's kernel history.
+
+Time is the summed execution time of a frame's kernels, so that tracing and waiting do not count and
+freezing would change nothing. It is taken in turn with a fixed calibration kernel. Work comes from a
+separate pass with loops evaluated turn by turn, since the static operation count sees a loop's body
+once whatever its trip count.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from compare.statistics import median
+
+REPEATS = 10
+CALIBRATION_SIZE = 1 << 18
+RAY = re.compile(r"call void %\w+\(ptr %\w+, ptr %\w+, ptr %\w+, ptr|_optix_trace|optix\.ptx\.trace")
+VECTOR_ACCESS = re.compile(
+    r"(?:=\s*load|^\s*store) <\d+ x (\w+)>|masked\.(?:gather|scatter)\.v\d+([fi]\d+)|"
+    r"\b(?:ld|st)\.global(?:\.nc)?(?:\.v\d)?\.[bfsu](\d+)",
+    re.MULTILINE,
+)
+BYTES = {"float": 4, "double": 8, "half": 2, "i1": 1, "i8": 1, "i16": 2, "i32": 4, "i64": 8, "ptr": 8}
+
+
+def kernels() -> list[dict]:
+    """What ran since the last call."""
+    return [k for k in dr.kernel_history() if k["execution_time"] is not None]
+
+
+@contextmanager
+def recording() -> Iterator[None]:
+    """Kernel history on, and empty at the start."""
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.sync_thread()
+        dr.kernel_history()
+        yield
+
+
+def run(frame: Callable[[], Any]) -> list[dict]:
+    """Evaluate one frame and return its kernels."""
+    dr.eval(frame())
+    dr.sync_thread()
+    return kernels()
+
+
+def milliseconds(launched: list[dict]) -> float:
+    """Summed execution time."""
+    return sum(k["execution_time"] for k in launched)
+
+
+def calibration() -> Any:
+    """A fixed amount of arithmetic: 64 dependent multiply-adds on each of 2^18 numbers."""
+    x = dr.arange(mi.Float, CALIBRATION_SIZE)
+    x = dr.opaque(mi.Float, 1.0001) * x
+    for _ in range(64):
+        x = dr.fma(x, 0.9999, 1e-4)
+    return x
+
+
+def frame_cost(frame: Callable[[], Any], pixels: int, repeats: int = REPEATS) -> dict:
+    """What a frame costs. frame: lazily builds the image; its inputs are evaluated already.
+
+    Returns frame_ms, calibration_ms and frame_over_calibration with intervals, compile_ms (the first
+    call, once), operations, rays and bytes (in all and per pixel), and peak_bytes.
+    """
+    with recording():
+        run(calibration)
+        first = run(frame)
+        dr.detail.malloc_clear_statistics()
+        frames, controls = [], []
+        for _ in range(repeats):
+            controls.append(milliseconds(run(calibration)))
+            frames.append(milliseconds(run(frame)))
+        peak = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
+    counted = work(frame)
+    return {
+        "frame_ms": median(frames).plain(),
+        "calibration_ms": median(controls).plain(),
+        "frame_over_calibration": median([f / c for f, c in zip(frames, controls, strict=True)]).plain(),
+        "repeats": repeats,
+        "compile_ms": sum(k.get("codegen_time", 0) + k.get("backend_time", 0) for k in first),
+        "compiled_before": all(k.get("cache_hit", 1) for k in first),
+        "peak_bytes": int(peak),
+        **counted,
+        "operations_per_pixel": counted["operations"] / pixels,
+    }
+
+
+def work(frame: Callable[[], Any]) -> dict:
+    """Operations, rays and bytes of a frame, each turn of each loop counted. The same on every run."""
+    with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False), recording():
+        launched = run(frame)
+    operations = rays = traffic = 0
+    for k in launched:
+        if k["type"] is not dr.KernelType.JIT:
+            continue
+        text = k["ir"] if isinstance(k["ir"], str) else k["ir"].getvalue()
+        operations += k["operation_count"] * k["size"]
+        rays += len(RAY.findall(text)) * k["size"]
+        traffic += _bytes(text) * k["size"]
+    return {"operations": operations, "rays": rays, "bytes": traffic, "kernels": len(launched)}
+
+
+def _bytes(text: str) -> int:
+    total = 0
+    for vector, gathered, ptx in VECTOR_ACCESS.findall(text):
+        if ptx:
+            total += int(ptx) // 8
+        elif gathered:
+            total += int(gathered[1:]) // 8
+        else:
+            total += BYTES.get(vector, 4)
+    return total

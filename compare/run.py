@@ -1,0 +1,189 @@
+"""A run: a folder of JSON lines and EXR images, written measurement by measurement, resumed by key.
+
+run.json            what made the run
+measurements.jsonl  one record a line; of lines with the same key the last one counts
+images/*.exr        estimates and truths that the records name
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import multiprocessing
+import os
+import platform
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import TimeoutError as TimedOut
+from pathlib import Path
+
+from pebble import ProcessExpired, ProcessPool
+
+from compare import worker
+from compare.task import PATH_TRACER, Task
+from reference.store import CannotWrite
+from scenes.contract import BadInput
+
+LINES = "measurements.jsonl"
+TRUTH_SECONDS = 3600.0
+Report = Callable[[str, int, int], None]
+
+
+def open_run(folder: Path, about: dict) -> None:
+    """Make the folder and note what makes the run. Raises BadInput where nothing can be written."""
+    try:
+        (folder / "images").mkdir(parents=True, exist_ok=True)
+        partial = folder / f".run.json.{os.getpid()}"
+        partial.write_text(json.dumps(about | machine(), indent=1) + "\n")
+        partial.replace(folder / "run.json")
+    except OSError as error:
+        raise CannotWrite(
+            f"cannot write the run to {folder}: {error.strerror}; choose another folder with --out"
+        ) from error
+
+
+def machine() -> dict:
+    """What the costs were measured on."""
+    model = platform.processor()
+    with contextlib.suppress(OSError, StopIteration):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    return {
+        "machine": {"processor": model, "cores": os.cpu_count(), "system": platform.system()},
+        "python": platform.python_version(),
+        "written": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }
+
+
+def records(folder: Path) -> list[dict]:
+    """All records of a run, the last of each key; a line cut short by a kill is passed over.
+
+    Raises BadInput where the folder holds no run.
+    """
+    path = folder / LINES
+    if not path.is_file():
+        raise BadInput(f"{folder} holds no run (no {LINES}): name a folder that `lightproof compare` wrote")
+    found: dict[str, dict] = {}
+    for line in path.read_text(errors="replace").splitlines():
+        with contextlib.suppress(ValueError):
+            record = json.loads(line)
+            found[record["key"]] = record
+    return list(found.values())
+
+
+def append(folder: Path, new: Iterable[dict]) -> None:
+    """Add records, each flushed to the disk as one line. Raises CannotWrite on a full disk."""
+    path = folder / LINES
+    try:
+        torn = path.is_file() and path.stat().st_size and path.read_bytes()[-1:] != b"\n"
+        with path.open("a") as lines:
+            lines.write("\n" * bool(torn))
+            for record in new:
+                lines.write(json.dumps(record, allow_nan=False, default=str) + "\n")
+            lines.flush()
+            os.fsync(lines.fileno())
+    except OSError as error:
+        raise CannotWrite(
+            f"cannot write {path}: {error.strerror}; free space and run again to resume"
+        ) from error
+
+
+def pending(tasks: list[Task], known: list[dict], variant: str) -> tuple[list[Task], list[dict]]:
+    """Tasks still to be measured, and old records whose roles have grown."""
+    done = {r["key"]: r for r in known if r["status"] == "ok"}
+    todo, grown = [], []
+    for task in tasks:
+        key = task.key(variant)
+        old = [done.get(f"{key}-{q}") for q in task.quantities]
+        if not all(old):
+            todo.append(task)
+            continue
+        for record in old:
+            roles = list(dict.fromkeys([*record["roles"], *task.roles]))
+            if roles != record["roles"]:
+                grown.append(record | {"roles": roles})
+    return todo, grown
+
+
+def execute(
+    tasks: list[Task],
+    folder: Path,
+    device: str,
+    plugins: tuple[str, ...] = (),
+    report: Report = lambda what, done, total: None,
+    warn: Callable[[str], None] = lambda message: None,
+) -> None:
+    """Measure all tasks that the run does not hold yet, one at a time in a worker process.
+
+    A worker that crashes, hangs or eats the memory costs its task alone. One worker only: timed work
+    never shares its cores.
+    """
+    import mitsuba
+
+    known = records(folder) if (folder / LINES).is_file() else []
+    todo, grown = pending(tasks, known, mitsuba.variant())
+    append(folder, grown)
+    if not todo:
+        return
+    truths = {
+        json.dumps([t.scene, t.make_scene().fields(), q, t.size], sort_keys=True): (
+            t.scene,
+            t.fields,
+            q,
+            t.size,
+        )
+        for t in todo
+        for q in t.quantities
+    }
+    total = len(truths) + len(todo)
+    with ProcessPool(
+        max_workers=1,
+        context=multiprocessing.get_context("spawn"),
+        initializer=worker.start,
+        initargs=(device, plugins),
+    ) as pool:
+        try:
+            for i, question in enumerate(truths.values()):
+                report(f"truth: {question[0]} {question[2]} {question[3]}", i, total)
+                future = pool.schedule(worker.prepare_truth, args=question, timeout=TRUTH_SECONDS)
+                with contextlib.suppress(ProcessExpired, TimedOut):
+                    answer = future.result()
+                    for message in answer["warnings"]:
+                        warn(message)
+                    if answer["status"] == "cannot write":
+                        raise CannotWrite(answer["error"])
+            for i, task in enumerate(todo):
+                report(f"{task.technique} on {task.scene}", len(truths) + i, total)
+                found = outcome(pool, task, folder)
+                if found[0]["status"] == "cannot write":
+                    raise CannotWrite(found[0]["error"])
+                append(folder, found)
+            report("done", total, total)
+        except BaseException:
+            pool.stop()
+            raise
+
+
+def outcome(pool: ProcessPool, task: Task, folder: Path) -> list[dict]:
+    """The task's records, or those of the way in which its process ended."""
+    future = pool.schedule(worker.perform, args=(task, str(folder)), timeout=task.seconds)
+    try:
+        return future.result()
+    except TimedOut:
+        return worker.failed(task, "timed out", f"took more than {task.seconds:g} s")
+    except ProcessExpired as ended:
+        return worker.failed(task, "crashed", f"its process ended (exit code {ended.exitcode})")
+    except Exception as error:
+        return worker.failed(task, "failed", worker.one_line(error))
+
+
+def path_tracer_curve(known: list[dict], scene: str, quantity: str, size: int) -> list[dict]:
+    """The path tracer's records on a scene at its default fields, by samples per pixel."""
+    curve = [
+        r
+        for r in known
+        if r["technique"] == PATH_TRACER
+        and (r["scene"], r["quantity"], r["size"]) == (scene, quantity, size)
+        and r["status"] == "ok"
+    ]
+    return sorted(curve, key=lambda r: r["knobs"]["spp"])

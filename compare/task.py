@@ -1,0 +1,240 @@
+"""What to measure: tasks, their identity, and the plan that a selection expands to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from approximations.contract import Technique, find_technique
+from scenes.contract import QUANTITIES, SUBSAMPLES, BadInput, Quantity, Scene, find_scene, make_scene
+
+PATH_TRACER = "path_tracer"
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How much of everything: image sizes, points on a stress axis, path-tracer samples, seconds that
+    one measurement may take."""
+
+    name: str
+    size: int
+    stress_size: int
+    stress_points: int
+    samples: tuple[int, ...]
+    seconds: float
+
+
+PROFILES = {
+    p.name: p
+    for p in (
+        Profile("quick", 128, 64, 5, (1, 2, 4, 8, 16, 32), 120),
+        Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), 1800),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """One technique (or the path tracer) on one scene with one setting of fields and knobs.
+
+    roles say why it is measured: "default", "knob:NAME", "ladder:RUNG", "stress:FIELD", "path tracer".
+    """
+
+    technique: str
+    scene: str
+    size: int
+    fields: dict[str, Any] = field(default_factory=dict)
+    knobs: dict[str, Any] = field(default_factory=dict)
+    quantities: tuple[str, ...] = ()
+    roles: tuple[str, ...] = ("default",)
+    seed: int = 1
+    seconds: float = 120
+
+    def make_scene(self) -> Scene:
+        """The scene with its fields set."""
+        return make_scene(self.scene, self.fields)
+
+    def identity(self) -> dict[str, Any]:
+        """Everything that its figures depend on, but for the versions of the libraries."""
+        return {
+            "technique": self.technique,
+            "scene": self.scene,
+            "fields": self.make_scene().fields(),
+            "knobs": self.knobs,
+            "quantities": list(self.quantities),
+            "size": self.size,
+            "seed": self.seed,
+        }
+
+    def key(self, variant: str) -> str:
+        """Digest of identity, source code, variant and versions: no stale figure survives a change."""
+        import drjit
+        import mitsuba
+
+        content = [
+            self.identity(),
+            variant,
+            drjit.__version__,
+            mitsuba.__version__,
+            house_digest(),
+            "" if self.technique == PATH_TRACER else file_digest(find_technique(self.technique).file),
+            file_digest(scene_file(self.scene)),
+        ]
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
+
+    def command(self) -> str:
+        """The command line that repeats this measurement alone."""
+        words = ["lightproof compare", self.technique, "--scene", self.scene, "--only"]
+        defaults = find_scene(self.scene)().fields()
+        words += [f"--set {k}={v}" for k, v in self.make_scene().fields().items() if v != defaults[k]]
+        if self.technique != PATH_TRACER:
+            plain = find_technique(self.technique).settings({})
+            words += [f"--knob {k}={v}" for k, v in self.knobs.items() if v != plain[k]]
+        else:
+            words += [f"--knob {k}={v}" for k, v in self.knobs.items()]
+        return " ".join([*words, f"--size {self.size}", f"--seed {self.seed}"])
+
+
+@cache
+def file_digest(path: Path) -> str:
+    """Digest of a source file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@cache
+def house_digest() -> str:
+    """Digest of all that every measurement goes through: scenes' and techniques' shared code, truths,
+    statistics. A technique's own module and a scene's are added by the task that uses them."""
+    files = [
+        ROOT / "scenes/contract.py",
+        ROOT / "scenes/mitsuba_parts.py",
+        ROOT / "approximations/contract.py",
+        *sorted((ROOT / "approximations/kit").glob("*.py")),
+        *sorted((ROOT / "reference").rglob("*.py")),
+        *(ROOT / f"compare/{name}.py" for name in ("statistics", "metrics", "cost", "measure", "task")),
+    ]
+    return hashlib.sha256("".join(file_digest(f) for f in files).encode()).hexdigest()
+
+
+def scene_file(name: str) -> Path:
+    """The module that declares a scene."""
+    import inspect
+
+    return Path(inspect.getsourcefile(find_scene(name)))
+
+
+def quantities_on(technique: Technique, scene: type[Scene]) -> tuple[str, ...]:
+    """The truths that a technique is held against on a scene, its own quantity first."""
+    return tuple(q.name for q in (technique.estimates, *technique.also) if q in scene.quantities)
+
+
+def plan(
+    techniques: Iterable[Technique],
+    profile: Profile,
+    *,
+    scene: str | None = None,
+    fields: dict[str, Any] | None = None,
+    knobs: dict[str, Any] | None = None,
+    size: int | None = None,
+    seed: int = 1,
+    only: bool = False,
+) -> list[Task]:
+    """All tasks of a selection: defaults, one-at-a-time knob sweeps, ladders, stress sweeps and the
+    path tracer's curve on each scene. With `only`, just the setting asked for.
+
+    Raises BadInput for unknown names, values out of range, or a scene that a technique is not for.
+    """
+    fields, knobs = fields or {}, knobs or {}
+    size = size or profile.size
+    tasks: list[Task] = []
+    curves: dict[str, tuple[Quantity, ...]] = {}
+    for technique in techniques:
+        wanted = [find_scene(scene)] if scene else list(technique.on)
+        for cls in wanted:
+            if cls not in technique.on:
+                known = ", ".join(c.__name__ for c in technique.on)
+                raise BadInput(f"{technique.name} is not for {cls.__name__}: it declares {known}")
+            make_scene(cls.__name__, fields)
+            names = quantities_on(technique, cls)
+            settings = technique.settings(knobs)
+
+            def task(knobs: dict, *roles: str, size: int = size, **changed: Any) -> Task:
+                return Task(
+                    technique.name,
+                    cls.__name__,
+                    size,
+                    {**fields, **changed},
+                    knobs,
+                    names,
+                    roles,
+                    seed,
+                    profile.seconds,
+                )
+
+            tasks.append(task(settings, "default"))
+            if only:
+                continue
+            curves[cls.__name__] = tuple(QUANTITIES[n] for n in names) + curves.get(cls.__name__, ())
+            tasks += [
+                task({**settings, knob: value}, f"knob:{knob}")
+                for knob, values in technique.variations().items()
+                for value in values
+            ]
+            tasks += [task(rung, f"ladder:{i}") for i, rung in enumerate(ladder(technique, settings)) if i]
+            for name in technique.stress.get(cls.__name__, ()):
+                points = _points(cls, name, profile.stress_points)
+                tasks += [
+                    task(settings, f"stress:{name}", size=profile.stress_size, **{name: x}) for x in points
+                ]
+    for name, quantities in curves.items():
+        rendered = tuple(dict.fromkeys(q.name for q in quantities if not q.probes and q.kind == "radiance"))
+        tasks += [
+            Task(PATH_TRACER, name, size, fields, {"spp": n}, (q,), ("path tracer",), seed, profile.seconds)
+            for q in rendered
+            for n in profile.samples
+        ]
+    return merge(tasks)
+
+
+def ladder(technique: Technique, settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """Settings with the first 0, 1, 2, ... stages exact: rung 0 is the technique as it is."""
+    rungs = [dict(settings)]
+    for stage in technique.stages():
+        rungs.append({**rungs[-1], stage: "exact"})
+    return rungs
+
+
+def merge(tasks: list[Task]) -> list[Task]:
+    """Each setting once, with all the roles that it plays."""
+    from dataclasses import replace
+
+    found: dict[str, Task] = {}
+    for t in tasks:
+        label = json.dumps(t.identity(), sort_keys=True)
+        if label in found:
+            roles = tuple(dict.fromkeys(found[label].roles + t.roles))
+            found[label] = replace(found[label], roles=roles)
+        else:
+            found[label] = t
+    return list(found.values())
+
+
+def _points(cls: type[Scene], name: str, n: int) -> list[float]:
+    axes = cls.axes()
+    if name not in axes:
+        raise BadInput(f"{cls.__name__} has no axis {name!r} to stress: it has {', '.join(axes)}")
+    points = axes[name].points(n)
+    if isinstance(getattr(cls(), name), int):
+        return sorted({round(p) for p in points})
+    return points
+
+
+def fine_size(size: int, quantity: Quantity) -> int:
+    """Samples along an image side: SUBSAMPLES per pixel, one per probe."""
+    return size if quantity.probes else size * SUBSAMPLES

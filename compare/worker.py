@@ -1,0 +1,111 @@
+"""What runs inside the worker process: set-up, truths, measurements. Nothing here may end a run but
+its own task: whatever goes wrong becomes a record."""
+
+from __future__ import annotations
+
+import os
+import traceback
+from pathlib import Path
+from typing import Any
+
+from compare.task import Task
+from scenes.contract import QUANTITIES, BadInput, all_scenes, make_scene
+
+MEMORY_SHARE = 0.8
+
+
+def start(device: str, plugins: tuple[str, ...]) -> None:
+    """Prepare the process: memory limit, variant, every scene and technique, plugins."""
+    from approximations.contract import all_techniques, load_plugin
+    from reference.toolchain import use_device
+
+    if use_device(device).startswith("llvm"):
+        limit_memory()
+    all_scenes()
+    all_techniques()
+    for path in plugins:
+        load_plugin(Path(path))
+
+
+def limit_memory() -> None:
+    """Cap the address space at a share of what is free, so that excess fails here and not elsewhere."""
+    import resource
+
+    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        text = Path("/proc/meminfo").read_text()
+        free = next(int(line.split()[1]) * 1024 for line in text.splitlines() if "MemAvailable" in line)
+    except (OSError, StopIteration):
+        pass
+    limit = int(MEMORY_SHARE * free)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def prepare_truth(scene: str, fields: dict[str, Any], quantity: str, size: int) -> dict:
+    """Make sure that a truth is in the store; warnings about files that had to be replaced."""
+    from reference import store
+
+    warnings: list[str] = []
+    try:
+        store.obtain(make_scene(scene, fields), QUANTITIES[quantity], size, warn=warnings.append)
+    except Exception as error:
+        return {"status": status_of(error), "error": one_line(error), "warnings": warnings}
+    return {"status": "ok", "warnings": warnings}
+
+
+def perform(task: Task, folder: str) -> list[dict]:
+    """The task's records; one record of failure for each quantity where it raises."""
+    from compare.measure import measure
+
+    try:
+        return measure(task, Path(folder))
+    except Exception as error:
+        return failed(task, status_of(error), one_line(error))
+
+
+def failed(task: Task, status: str, error: str) -> list[dict]:
+    """Records of a task that gave no figures."""
+    import mitsuba
+
+    return [
+        {
+            "key": f"{task.key(mitsuba.variant())}-{quantity}",
+            "status": status,
+            "error": error,
+            "kind": "technique",
+            "technique": task.technique,
+            "scene": task.scene,
+            "fields": task.make_scene().fields(),
+            "changed": task.fields,
+            "knobs": task.knobs,
+            "quantity": quantity,
+            "size": task.size,
+            "seed": task.seed,
+            "roles": list(task.roles),
+            "command": task.command(),
+            "findings": [{"kind": status, "text": error}],
+            "errors": None,
+            "costs": None,
+        }
+        for quantity in task.quantities
+    ]
+
+
+def status_of(error: Exception) -> str:
+    """ "out of memory", "cannot write" (which ends the run) or "failed"."""
+    from reference.store import CannotWrite
+
+    if isinstance(error, MemoryError) or "out of memory" in str(error).lower():
+        return "out of memory"
+    return "cannot write" if isinstance(error, CannotWrite) else "failed"
+
+
+def one_line(error: Exception) -> str:
+    """What went wrong and where, on one line."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, BadInput):
+        return text
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f for f in frames if "site-packages" not in f.filename] or frames
+    where = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
+    return f"{type(error).__name__}: {text[:400]}{where}"

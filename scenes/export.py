@@ -1,0 +1,36 @@
+"""Scenes as files that Mitsuba itself reads: XML, with density grids beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+
+from scenes.contract import BadInput
+
+
+def export(description: dict, folder: Path, name: str) -> Path:
+    """Write a scene dictionary as folder/name.xml with its grids as .vol files; the XML's path.
+
+    Raises BadInput where the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}.xml"
+        mi.xml.dict_to_xml(_with_files(description, folder.resolve(), name), str(path.resolve()))
+    except OSError as error:
+        raise BadInput(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
+    return path
+
+
+def _with_files(value: Any, folder: Path, name: str) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if value.get("type") == "gridvolume" and ("grid" in value or "data" in value):
+        grid = value.get("grid") or mi.VolumeGrid(value["data"])
+        path = folder / f"{name}.vol"
+        grid.write(str(path))
+        rest = {k: v for k, v in value.items() if k not in ("grid", "data")}
+        return rest | {"filename": str(path)}
+    return {k: _with_files(v, folder, f"{name}-{k}") for k, v in value.items()}
