@@ -23,7 +23,7 @@ reference_app = typer.Typer(no_args_is_help=True, help="The store of truths.")
 scenes_app = typer.Typer(no_args_is_help=True, help="Scenes as files.")
 app.add_typer(reference_app, name="reference")
 app.add_typer(scenes_app, name="scenes")
-out = Console()
+out = Console(width=None if sys.stdout.isatty() else 200)
 err = Console(stderr=True)
 
 Json = Annotated[bool, typer.Option("--json", help="print JSON instead of a table")]

@@ -15,12 +15,16 @@ def export(description: dict, folder: Path, name: str) -> Path:
 
     Raises BadInput where the folder cannot be written.
     """
+    path = folder / f"{name}.xml"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{name}.xml"
-        mi.xml.dict_to_xml(_with_files(description, folder.resolve(), name), str(path.resolve()))
-    except OSError as error:
-        raise BadInput(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
+        parsed = mi.parser.parse_dict(
+            mi.parser.ParserConfig(mi.variant()), _with_files(description, folder.resolve(), name)
+        )
+        mi.parser.write_file(parsed, str(path))
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise BadInput(f"cannot write to {folder}: {reason}; choose another folder") from error
     return path
 
 

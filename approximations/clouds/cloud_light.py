@@ -91,7 +91,7 @@ def cloud_source(
     claims=(
         LINEAR_IN_LIGHT,
         exact_when("CloudSlab", 0.01, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
-        exact_when("CloudSphere", 0.02, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
+        exact_when("CloudSphere", 0.04, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
     ),
     stress={"CloudSphere": ("sun_angle", "optical_depth"), "CloudSlab": ("optical_depth", "sun_elevation")},
 )
@@ -124,15 +124,15 @@ def cloud_light(
     ds = (far - near) / steps
 
     def march(i, through, gathered):
-        x = o + (near + (mi.Float(i) + 0.5) * ds) * w
+        x = o + (near + (mi.Float(i) - 0.5) * ds) * w
         a = cloud.extinction(x) * ds
         depth = _light_depth(view, x, light, light_steps, light_reach)
         lit = _energy(depth, cloud.precipitation, energy, rain_in)
         kept = dr.exp(-a)
         return i + 1, through * kept, gathered + through * (1 - kept) * lit
 
-    start = (mi.UInt32(0), dr.ones(mi.Float, dr.width(near)), dr.zeros(mi.Float, dr.width(near)))
-    _, _, gathered = dr.while_loop(start, lambda i, through, gathered: i < steps, march)
+    start = (mi.UInt32(1), dr.ones(mi.Float, dr.width(near)), dr.zeros(mi.Float, dr.width(near)))
+    _, _, gathered = dr.while_loop(start, lambda i, through, gathered: i <= steps, march)
     return mi.Color3f(view.sun.irradiance * cloud.albedo * _lobe(view, phase, g) * gathered)
 
 

@@ -13,8 +13,8 @@ In print, and what was done here:
 - The result is called fog density; it is the transmittance, 1 where there is no fog.
 - The threshold keeps 0/0 out but is set on d_z (m), not on t, where the digits go: float32 is off by 3% at
   c = 1e-4, d_z = 0.011. `slope_threshold` moves it.
-- High above dense fog k0 underflows while exp(-t) overflows. In float32 the fog is gone (T = 1) from
-  c O_z = 87.4 and the result is NaN from 88.8. evaluation="two_exponentials" cures that and keeps the
+- High above dense fog k0 underflows while exp(-t) overflows. In float32 the fog is gone (T = 1) at
+  c O_z = 88 and the result is NaN from 88.7. evaluation="two_exponentials" cures that and keeps the
   cancellation.
 - What C_fog should be is not said; the scene sets it, see `Fog.colour`.
 
