@@ -215,11 +215,14 @@ def find_truth(scene: Scene, quantity: Quantity, size: int, folder: Path) -> tup
 
 
 def save_image(folder: Path, name: str, image: np.ndarray) -> str:
-    """Write an image into the run's images folder unless it stands there; its relative path."""
+    """Write an image into the run's images folder unless it stands there, grey ones as one channel; its
+    relative path."""
     import OpenEXR
 
     path = folder / "images" / name
     if not path.is_file():
+        if np.array_equal(image, np.broadcast_to(image[..., :1], image.shape)):
+            image = image[..., :1]
         letters = "RGB" if image.shape[2] == 3 else "Y"
         channels = {c: np.ascontiguousarray(image[..., i], np.float32) for i, c in enumerate(letters)}
         header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

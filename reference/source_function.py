@@ -2,7 +2,8 @@
 
 S(x, w) = int f(w . w') L(x, w') dw' is estimated by drawing w' from the phase function and tracing L
 with the volumetric path tracer from inside the medium; a delta sun, which no drawn direction hits, is
-added as f(w . l) E_sun e^-tau(x, l).
+added as f(w . l) E_sun e^-tau(x, l). What that first term alone sends to the camera, light scattered once,
+has a closed form for the layer and is a smooth integral along the chord of the ball.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.polynomial.legendre import leggauss
+from scipy.special import exprel
 
-from reference.truth import sampler
-from scenes.cloud import CloudSlab
-from scenes.contract import SOURCE_FUNCTION
+from reference.truth import closed_form, sampler
+from scenes.cloud import CloudSlab, CloudSphere, SunlitCloud
+from scenes.contract import SINGLE_SCATTERING, SOURCE_FUNCTION, View
 
 LANES = 1 << 20  # paths in flight at once
+PANELS, NODES = 64, 8  # of the Gauss rule along a chord
 
 
 @sampler(CloudSlab, SOURCE_FUNCTION)
@@ -25,7 +29,7 @@ def source_function(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndar
     medium = world.shapes()[0].interior_medium()
     integrator = mi.load_dict({"type": "volpath", "max_depth": -1, "rr_depth": 100000})
     probes = scene.probes(size)
-    point, w, l = probes.camera.origin, probes.camera.direction, probes.sun.direction
+    point, w = probes.camera.origin, probes.camera.direction
 
     total = np.zeros(size * size)
     chunk = max(1, LANES // size**2)
@@ -43,13 +47,51 @@ def source_function(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndar
         wo, weight, _ = medium.phase_function().sample(context, met, random.next_1d(), random.next_2d())
         light, _, _ = integrator.sample(world, random, mi.RayDifferential3f(met.p, wo), medium)
         total += np.array(dr.block_sum((weight * light).x, n), dtype=np.float64)
-    sun = _unscattered(scene, probes.sun.irradiance, np.array(point)[2], np.array(w), np.array(l)[:, 0])
+    z, w, sigma_t = np.array(point, dtype=np.float64)[2], np.array(w, dtype=np.float64), scene.rainy[0]
+    depth = sigma_t * (1 - z) / scene.to_sun()[2]
+    sun = probes.sun.irradiance * _lobe(scene, w) * np.exp(-depth)
     return (total / spp + sun).reshape(size, size, 1)
 
 
-def _unscattered(
-    scene: CloudSlab, irradiance: float, z: np.ndarray, w: np.ndarray, l: np.ndarray
-) -> np.ndarray:
-    g, depth = scene.g, (1.0 - z) * scene.sigma_t * scene.precipitation / l[2]
-    cosine = l @ w
-    return irradiance * np.exp(-depth) * (1 - g**2) / (4 * np.pi * (1 + g**2 - 2 * g * cosine) ** 1.5)
+@closed_form(CloudSlab, SINGLE_SCATTERING)
+def once_scattered_by_slab(scene: CloudSlab, size: int) -> np.ndarray:
+    """(size, size, 1): albedo f E_sun int_0^tau e^-(t/m) e^-(d/s) dt/m, m and s the cosines of view ray and
+    sun with the vertical; d = t seen from above, tau - t from below."""
+    view, (tau, albedo) = scene.view(size), scene.rainy
+    w = np.array(view.camera.direction, dtype=np.float64)
+    a, b = 1 / np.abs(w[2]), 1 / scene.to_sun()[2]
+    if scene.seen == "above":
+        integral = tau * a * exprel(-tau * (a + b))
+    else:
+        integral = tau * a * np.exp(-tau * np.minimum(a, b)) * exprel(-tau * np.abs(a - b))
+    return _image(view, albedo * _lobe(scene, w) * integral)
+
+
+@closed_form(CloudSphere, SINGLE_SCATTERING)
+def once_scattered_by_sphere(scene: CloudSphere, size: int) -> np.ndarray:
+    """(size, size, 1): albedo f E_sun int e^-(sigma t) e^-(sigma out(x)) sigma dt over the chord, where
+    out(x) is the way from x to the boundary towards the sun, by a composite Gauss rule."""
+    view, (sigma, albedo) = scene.view(size), scene.rainy
+    l, o = np.array(scene.to_sun()), np.array(view.camera.origin, dtype=np.float64)
+    half = np.sqrt(np.maximum(1 - o[0] ** 2 - o[2] ** 2, 0))
+    x, weight = leggauss(NODES)
+    integral = np.zeros(size * size)
+    for panel in range(PANELS):
+        for node, share in zip((panel + (x + 1) / 2) / PANELS, weight / (2 * PANELS), strict=True):
+            t = 2 * half * node
+            middle = -(l[0] * o[0] + l[1] * (t - half) + l[2] * o[2])
+            inside = o[0] ** 2 + (t - half) ** 2 + o[2] ** 2
+            out = middle + np.sqrt(np.maximum(1 - inside + middle**2, 0))
+            integral += 2 * half * share * sigma * np.exp(-sigma * (t + out))
+    w = np.array([[0.0], [1.0], [0.0]])
+    return _image(view, albedo * _lobe(scene, w) * integral)
+
+
+def _image(view: View, radiance_per_irradiance: np.ndarray) -> np.ndarray:
+    return view.sun.irradiance * radiance_per_irradiance.reshape(view.height, view.width, 1)
+
+
+def _lobe(scene: SunlitCloud, w: np.ndarray) -> np.ndarray:
+    """Henyey-Greenstein between the ways to the sun and from eye to sample (3, n)."""
+    g, cosine = scene.g, np.array(scene.to_sun()) @ w
+    return (1 - g**2) / (4 * np.pi * (1 + g**2 - 2 * g * cosine) ** 1.5)

@@ -12,7 +12,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -209,7 +210,7 @@ def write_exr(path: Path, header: dict, channels: dict[str, np.ndarray]) -> None
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with OpenEXR.File(header, channels) as exr:
+        with silenced_stderr(), OpenEXR.File(header, channels) as exr:
             exr.write(str(partial))
         read_exr(partial)
         partial.replace(path)
@@ -226,9 +227,22 @@ def read_exr(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
     import OpenEXR
 
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as exr:
+        with silenced_stderr(), OpenEXR.File(str(path), separate_channels=True) as exr:
             channels = {name: np.array(c.pixels) for name, c in exr.channels().items()}
             return dict(exr.header()), channels
     except Exception as error:
         reason = "no such file" if not Path(path).exists() else "not an EXR file, or cut short"
         raise DamagedTruth(f"cannot read {path}: {reason}; give a whole OpenEXR file") from error
+
+
+@contextmanager
+def silenced_stderr() -> Iterator[None]:
+    """OpenEXR's C library prints its own line before it raises; one clear line is enough."""
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

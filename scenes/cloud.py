@@ -47,6 +47,12 @@ class SunlitCloud(Scene):
         """Extinction without rain, 1/m."""
         raise NotImplementedError
 
+    @property
+    def rainy(self) -> tuple[float, float]:
+        """Extinction (1/m) and albedo with rain."""
+        absorbing = self.precipitation if self.rain == "absorbing" else 1.0
+        return self.sigma_t * self.precipitation, self.albedo / absorbing
+
     def to_sun(self) -> list[float]:
         """Unit direction to the sun."""
         raise NotImplementedError
@@ -68,10 +74,11 @@ class SunlitCloud(Scene):
         raise NotImplementedError
 
     def mitsuba(self, size: int = 128) -> dict:
+        sigma_t, albedo = self.rainy
         medium = {
             "type": "homogeneous",
-            "sigma_t": self.sigma_t * self.precipitation,
-            "albedo": self.albedo / (self.precipitation if self.rain == "absorbing" else 1.0),
+            "sigma_t": sigma_t,
+            "albedo": albedo,
             "phase": {"type": "hg", "g": self.g},
         }
         return {

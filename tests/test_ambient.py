@@ -261,6 +261,21 @@ def test_valley_in_closed_form_is_finite_and_not_negative_at_the_ends_of_its_axe
     ids=["default", "deep", "huge sun", "low sun", "sky alone"],
 )
 def test_valley_in_closed_form_matches_mitsuba(scene):
+    assert_matches_mitsuba(scene)
+
+
+def test_short_valley_lets_light_in_at_its_ends_as_in_mitsuba(monkeypatch):
+    monkeypatch.setattr(Valley, "LENGTH", 2.2)
+    scene = Valley(light_azimuth=95, light_elevation=10)
+    size = 16
+    short = valley.valley_direct(scene, size)
+    assert_matches_mitsuba(scene)
+    monkeypatch.undo()
+    assert np.mean(np.abs(short - valley.valley_direct(scene, size))) > 0.05 * short.mean()
+
+
+def assert_matches_mitsuba(scene):
+    """Per-pixel z-scores of pixels that see nothing but walls: centred, of the right spread."""
     size, fine, batches = 16, 16, 16
     exact = box_filter(valley.valley_direct(scene, size * fine), fine)[..., 0]
     hit = valley.first_hits(scene, *valley.camera_rays(scene, size * fine))[2]
@@ -335,6 +350,13 @@ def test_image_is_finite_and_not_negative_at_the_ends_of_the_axes(scene):
         found = np.array(technique(view, *((baked,) if technique is ambient_aperture else ()), **knobs))
         assert np.isfinite(found).all(), knobs
         assert found.min() >= 0 or knobs == {"overlap": "printed"}, knobs
+
+
+def test_author_would_not_use_it_under_an_occluder_nor_near_the_horizon_nor_in_a_deep_valley():
+    inside = [SphereOverPlane(gap=1), Valley(), Valley(slope=60), Valley(light_elevation=15)]
+    outside = [SphereOverPlane(gap=0.4), Valley(slope=61), Valley(light_elevation=14)]
+    assert all(ambient_aperture.domain_function(scene).inside for scene in inside)
+    assert not any(ambient_aperture.domain_function(scene).inside for scene in outside)
 
 
 def test_exact_stages_make_a_shallow_valley_right_and_printed_ones_do_not():
