@@ -17,10 +17,15 @@ from scenes.contract import BadInput, Quantity, Scene
 
 
 def load_scene(scene: Scene, quantity: Quantity, size: int) -> mi.Scene:
-    """The Mitsuba scene with the integrator that the quantity needs. Raises BadInput if rejected."""
+    """The Mitsuba scene with the integrator that the quantity needs. Raises BadInput if rejected.
+
+    Loaded without Mitsuba's merging of shapes: in 3.9.1 rectangles of equal BSDF become one mesh with an
+    invalid bounding box, and a uniform sky then leaks through walls (+5.5 % of the mean in a valley).
+    """
     description = scene.mitsuba(size)
     try:
-        return mi.load_dict({**description, "integrator": integrator(description, quantity)})
+        whole = {**description, "integrator": integrator(description, quantity)}
+        return mi.load_dict(whole, optimize=False)
     except Exception as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"Mitsuba rejects the scene {type(scene).__name__}: {reason}") from error

@@ -353,8 +353,8 @@ def test_image_is_finite_and_not_negative_at_the_ends_of_the_axes(scene):
 
 
 def test_author_would_not_use_it_under_an_occluder_nor_near_the_horizon_nor_in_a_deep_valley():
-    inside = [SphereOverPlane(gap=1), Valley(), Valley(slope=60), Valley(light_elevation=15)]
-    outside = [SphereOverPlane(gap=0.4), Valley(slope=61), Valley(light_elevation=14)]
+    inside = [Valley(), Valley(slope=60), Valley(light_elevation=15)]
+    outside = [SphereOverPlane(), SphereOverPlane(gap=2), Valley(slope=61), Valley(light_elevation=14)]
     assert all(ambient_aperture.domain_function(scene).inside for scene in inside)
     assert not any(ambient_aperture.domain_function(scene).inside for scene in outside)
 

@@ -90,8 +90,8 @@ def cloud_source(
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
     claims=(
         LINEAR_IN_LIGHT,
-        exact_when("CloudSlab", 0.01, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
-        exact_when("CloudSphere", 0.04, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
+        exact_when("CloudSlab", 0.002, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
+        exact_when("CloudSphere", 0.002, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
     ),
     stress={"CloudSphere": ("sun_angle", "optical_depth"), "CloudSlab": ("optical_depth", "sun_elevation")},
 )

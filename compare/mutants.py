@@ -1,0 +1,164 @@
+"""Mutated twins: the same technique with one sign flipped, to prove that the thresholds can fail.
+
+A mutant is a copy of a technique's module, or of a kit module that it uses, in which one `+` became
+`-`, one minus sign went, or one comparison was turned round. Declarations (decorators, annotations,
+the domain) are left alone, since they do not make the image.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+import types
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from approximations.contract import TECHNIQUES, Technique, find_technique
+from compare.gate import Threshold, Verdict, judge_one
+from compare.task import ROOT
+
+FLIPS = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Lt: ast.Gt,
+    ast.Gt: ast.Lt,
+    ast.LtE: ast.GtE,
+    ast.GtE: ast.LtE,
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One flipped sign: the file, which of its signs, and what a reader would see."""
+
+    file: str
+    number: int
+    line: int
+    text: str
+
+    @property
+    def label(self) -> str:
+        """Where and what."""
+        return f"{Path(self.file).name}:{self.line}: {self.text}"
+
+
+def signs(tree: ast.AST) -> Iterator[tuple[ast.AST, int]]:
+    """Every sign that makes the image, in the order of the source: the node, and which comparison."""
+    if isinstance(tree, ast.FunctionDef):
+        if any(isinstance(d, ast.Attribute) and d.attr == "domain" for d in tree.decorator_list):
+            return
+        for node in tree.body:
+            yield from signs(node)
+        return
+    if isinstance(tree, (ast.BinOp, ast.AugAssign)) and type(tree.op) in FLIPS:
+        yield tree, 0
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
+        yield tree, 0
+    if isinstance(tree, ast.Compare):
+        for i, op in enumerate(tree.ops):
+            if type(op) in FLIPS:
+                yield tree, i
+    for name, child in ast.iter_fields(tree):
+        if name in ("decorator_list", "annotation", "returns"):
+            continue
+        for node in child if isinstance(child, list) else [child]:
+            if isinstance(node, ast.AST):
+                yield from signs(node)
+
+
+def mutants(file: Path) -> list[Mutant]:
+    """All mutants of a source file."""
+    source = file.read_text()
+    found = []
+    for number, (node, _) in enumerate(signs(ast.parse(source))):
+        text = ast.get_source_segment(source, node) or ast.unparse(node)
+        found.append(Mutant(str(file), number, node.lineno, " ".join(text.split())[:90]))
+    return found
+
+
+def mutated_source(mutant: Mutant) -> ast.Module:
+    """The module with that sign flipped."""
+    tree = ast.parse(Path(mutant.file).read_text())
+    for number, (node, i) in enumerate(signs(tree)):
+        if number != mutant.number:
+            continue
+        if isinstance(node, ast.UnaryOp):
+            node.op = ast.UAdd()
+        elif isinstance(node, ast.Compare):
+            node.ops[i] = FLIPS[type(node.ops[i])]()
+        else:
+            node.op = FLIPS[type(node.op)]()
+    return ast.fix_missing_locations(tree)
+
+
+def kit_files(technique: Technique) -> list[Path]:
+    """The kit modules whose functions a technique's module uses."""
+    module = sys.modules[technique.function.__module__]
+    used = {getattr(v, "__module__", "") for v in vars(module).values() if callable(v)}
+    return sorted(
+        Path(sys.modules[m].__file__) for m in used if m and m.startswith("approximations.kit.")
+    )
+
+
+def load_twin(technique: Technique, mutant: Mutant) -> dict[str, Technique]:
+    """The techniques that the technique's module declares, with one sign flipped; the registry is left
+    as it was."""
+    kept = dict(TECHNIQUES)
+    file = technique.file
+    own = Path(mutant.file) == file
+    twin = types.ModuleType(f"twin_of_{file.stem}")
+    twin.__file__ = str(file)
+    sys.modules[twin.__name__] = twin
+    try:
+        tree = mutated_source(mutant) if own else ast.parse(file.read_text())
+        TECHNIQUES.clear()
+        exec(compile(tree, str(file), "exec"), vars(twin))
+        if not own:
+            name = next(m for m, v in sys.modules.items() if getattr(v, "__file__", None) == mutant.file)
+            kit = types.ModuleType(name)
+            exec(compile(mutated_source(mutant), mutant.file, "exec"), vars(kit))
+            for key, value in list(vars(twin).items()):
+                if getattr(value, "__module__", None) == name and hasattr(kit, key):
+                    setattr(twin, key, getattr(kit, key))
+        return dict(TECHNIQUES)
+    finally:
+        TECHNIQUES.clear()
+        TECHNIQUES.update(kept)
+
+
+def verdicts(mutant: Mutant, technique: str, thresholds: list[Threshold], until_fail: bool) -> list[Verdict]:
+    """The gate's verdicts on a mutated twin, up to the first failure if `until_fail`."""
+    from compare.measure import evaluate, findings, judge, obtain
+    from scenes.contract import QUANTITIES, make_scene
+
+    twins = load_twin(find_technique(technique), mutant)
+    images: dict[str, object] = {}
+    found = []
+    for t in thresholds:
+        twin = twins[t.technique]
+        scene = make_scene(t.scene, t.fields)
+        settings = twin.settings(t.knobs)
+        label = str((t.technique, scene, settings, t.size))
+        record = {"status": "ok", "findings": []}
+        try:
+            if label not in images:
+                images[label] = evaluate(twin, scene, twin.estimates, settings, t.size)
+            truth, _ = obtain(scene, QUANTITIES[t.quantity], t.size)
+            record["errors"] = judge(images[label], truth, QUANTITIES[t.quantity], None)
+            record["findings"] = findings(images[label], truth)
+        except Exception as error:
+            record |= {"status": "failed", "error": str(error)}
+        found.append(judge_one(t, record))
+        if until_fail and found[-1].result == "fail":
+            break
+    return found
+
+
+def modules() -> dict[Path, list[str]]:
+    """Technique modules of the project and the techniques that each declares."""
+    found: dict[Path, list[str]] = {}
+    for t in TECHNIQUES.values():
+        if t.file.is_relative_to(ROOT):
+            found.setdefault(t.file, []).append(t.name)
+    return found
