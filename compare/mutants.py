@@ -1,7 +1,8 @@
 """Mutated twins: the same technique with one sign flipped, to prove that the thresholds can fail.
 
 A mutant is a copy of a technique's module, or of a kit module that it uses, in which one `+` became
-`-`, one minus sign went, or one comparison was turned round. Declarations (decorators, annotations,
+`-`, one minus sign went, or one comparison was turned round; in a module without any sign, in which one
+product became a quotient. Declarations (decorators, annotations,
 the domain) are left alone, since they do not make the image.
 """
 
@@ -26,6 +27,7 @@ FLIPS = {
     ast.LtE: ast.GtE,
     ast.GtE: ast.LtE,
 }
+FACTORS = {ast.Mult: ast.Div, ast.Div: ast.Mult}
 
 
 @dataclass(frozen=True)
@@ -43,35 +45,41 @@ class Mutant:
         return f"{Path(self.file).name}:{self.line}: {self.text}"
 
 
-def signs(tree: ast.AST) -> Iterator[tuple[ast.AST, int]]:
+def signs(tree: ast.AST, flips: dict = FLIPS) -> Iterator[tuple[ast.AST, int]]:
     """Every sign that makes the image, in the order of the source: the node, and which comparison."""
     if isinstance(tree, ast.FunctionDef):
         if any(isinstance(d, ast.Attribute) and d.attr == "domain" for d in tree.decorator_list):
             return
         for node in tree.body:
-            yield from signs(node)
+            yield from signs(node, flips)
         return
-    if isinstance(tree, (ast.BinOp, ast.AugAssign)) and type(tree.op) in FLIPS:
+    if isinstance(tree, (ast.BinOp, ast.AugAssign)) and type(tree.op) in flips:
         yield tree, 0
-    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub):
+    if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.USub) and flips is FLIPS:
         yield tree, 0
     if isinstance(tree, ast.Compare):
         for i, op in enumerate(tree.ops):
-            if type(op) in FLIPS:
+            if type(op) in flips:
                 yield tree, i
     for name, child in ast.iter_fields(tree):
         if name in ("decorator_list", "annotation", "returns"):
             continue
         for node in child if isinstance(child, list) else [child]:
             if isinstance(node, ast.AST):
-                yield from signs(node)
+                yield from signs(node, flips)
+
+
+def flips_of(tree: ast.Module) -> dict:
+    """Signs, or products where a module has no sign."""
+    return FLIPS if next(signs(tree), None) else FACTORS
 
 
 def mutants(file: Path) -> list[Mutant]:
     """All mutants of a source file."""
     source = file.read_text()
     found = []
-    for number, (node, _) in enumerate(signs(ast.parse(source))):
+    tree = ast.parse(source)
+    for number, (node, _) in enumerate(signs(tree, flips_of(tree))):
         text = ast.get_source_segment(source, node) or ast.unparse(node)
         found.append(Mutant(str(file), number, node.lineno, " ".join(text.split())[:90]))
     return found
@@ -80,15 +88,16 @@ def mutants(file: Path) -> list[Mutant]:
 def mutated_source(mutant: Mutant) -> ast.Module:
     """The module with that sign flipped."""
     tree = ast.parse(Path(mutant.file).read_text())
-    for number, (node, i) in enumerate(signs(tree)):
+    flips = flips_of(tree)
+    for number, (node, i) in enumerate(list(signs(tree, flips))):
         if number != mutant.number:
             continue
         if isinstance(node, ast.UnaryOp):
             node.op = ast.UAdd()
         elif isinstance(node, ast.Compare):
-            node.ops[i] = FLIPS[type(node.ops[i])]()
+            node.ops[i] = flips[type(node.ops[i])]()
         else:
-            node.op = FLIPS[type(node.op)]()
+            node.op = flips[type(node.op)]()
     return ast.fix_missing_locations(tree)
 
 
@@ -96,9 +105,7 @@ def kit_files(technique: Technique) -> list[Path]:
     """The kit modules whose functions a technique's module uses."""
     module = sys.modules[technique.function.__module__]
     used = {getattr(v, "__module__", "") for v in vars(module).values() if callable(v)}
-    return sorted(
-        Path(sys.modules[m].__file__) for m in used if m and m.startswith("approximations.kit.")
-    )
+    return sorted(Path(sys.modules[m].__file__) for m in used if m and m.startswith("approximations.kit."))
 
 
 def load_twin(technique: Technique, mutant: Mutant) -> dict[str, Technique]:

@@ -59,7 +59,10 @@ def llvm() -> Check:
     good = toolchain.find_llvm()
     if good is not None:
         return Check("LLVM", True, f"LLVM {toolchain.llvm_version(good)} ({good}), tried and works")
-    found = ", ".join(f"LLVM {toolchain.llvm_version(p) or '?'} ({p}) aborts" for p in tried)
+    found = ", ".join(
+        f"LLVM {toolchain.llvm_version(p) or '?'} ({p}) {'aborts' if p.is_file() else 'is not there'}"
+        for p in tried
+    )
     return Check("LLVM", False, found or "no libLLVM found", toolchain.install_llvm_command())
 
 

@@ -3,7 +3,7 @@
 Two folders are searched: the user's store, then the truths that come with the repository. A file
 holds the mean (float32, rounded to a quarter of its standard error or finer), the standard error and
 half the difference of two independent halves (float16 of 5 significant bits, scaled): all far below
-the noise, and half the size. Its header holds the provenance and a digest of the pixels. A file whose
+the noise, and half the size. Its header holds the provenance and a digest of both. A file whose
 digest, key or shape does not fit is named and never used.
 """
 
@@ -138,20 +138,17 @@ def save(path: Path, truth: Truth, key: str) -> None:
         channels[letter] = np.ascontiguousarray(mean[..., c])
         channels[f"error.{letter}"] = coarse(error[..., c] / scale)
         channels[f"half.{letter}"] = coarse(half[..., c] / scale)
+    about = {
+        **truth.provenance,
+        "key": key,
+        "scale": scale,
+        "batches": truth.batches,
+        "correlation": np.round(truth.correlation, 6).tolist(),
+    }
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        "lightproof": json.dumps(
-            {
-                **truth.provenance,
-                "key": key,
-                "scale": scale,
-                "batches": truth.batches,
-                "correlation": np.round(truth.correlation, 6).tolist(),
-                "pixels": pixel_digest(channels),
-            },
-            sort_keys=True,
-        ),
+        "lightproof": json.dumps(about | {"digest": digest(about, channels)}, sort_keys=True),
     }
     write_exr(path, header, channels)
 
@@ -172,9 +169,9 @@ def load(path: Path, key: str | None = None) -> Truth:
         raise DamagedTruth(
             f"{path} has no record of how it was made; delete it and run {again} to replace it"
         ) from None
-    if about.get("pixels") != pixel_digest(channels):
+    if about.pop("digest", None) != digest(about, channels):
         raise DamagedTruth(
-            f"{path} is damaged (its pixels do not match its digest); delete it and run {again} to replace it"
+            f"{path} is damaged (it does not match its digest); delete it and run {again} to replace it"
         )
     if key is not None and about.get("key") != key:
         raise DamagedTruth(
@@ -191,16 +188,16 @@ def load(path: Path, key: str | None = None) -> Truth:
         correlation=np.asarray(about["correlation"]),
         half_difference=stack("half.") * about["scale"],
         batches=about["batches"],
-        provenance={k: v for k, v in about.items() if k not in ("scale", "correlation", "pixels")},
+        provenance={k: v for k, v in about.items() if k not in ("scale", "correlation")},
     )
 
 
-def pixel_digest(channels: dict[str, np.ndarray]) -> str:
-    """SHA-256 of all channels in the order of their names."""
-    digest = hashlib.sha256()
+def digest(about: dict, channels: dict[str, np.ndarray]) -> str:
+    """SHA-256 of the provenance and of all channels in the order of their names."""
+    found = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in sorted(channels):
-        digest.update(name.encode() + np.ascontiguousarray(channels[name]).tobytes())
-    return digest.hexdigest()
+        found.update(name.encode() + np.ascontiguousarray(channels[name]).tobytes())
+    return found.hexdigest()
 
 
 def write_exr(path: Path, header: dict, channels: dict[str, np.ndarray]) -> None:

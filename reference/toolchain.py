@@ -6,9 +6,11 @@ a child process first and the answer remembered until the file changes.
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +27,7 @@ LIBRARY_FOLDERS = (
     "/usr/local/opt/llvm/lib",
 )
 TRIAL = (
+    "import resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0));"
     "import drjit as dr, mitsuba as mi; mi.set_variant('llvm_ad_rgb');"
     "s = mi.load_dict(mi.cornell_box()); dr.eval(mi.render(s, spp=1)); dr.sync_thread()"
 )
@@ -61,7 +64,10 @@ def candidates() -> list[Path]:
 
 
 def works(library: Path) -> bool:
-    """Whether Dr.Jit compiles and runs with this library, tried once in a child process."""
+    """Whether Dr.Jit compiles and runs with this library, tried once in a child process.
+
+    The answer is remembered for this file and this Dr.Jit; a trial that ran out of time is not.
+    """
     memory = cache_folder() / "llvm.json"
     try:
         known = json.loads(memory.read_text())
@@ -69,14 +75,18 @@ def works(library: Path) -> bool:
         known = {}
     try:
         stat = library.stat()
-    except OSError:
+        version = importlib.metadata.version("drjit")
+    except (OSError, importlib.metadata.PackageNotFoundError):
         return False
-    label = f"{library.resolve()} {stat.st_size} {int(stat.st_mtime)}"
+    label = f"{library.resolve()} {stat.st_size} {int(stat.st_mtime)} drjit {version}"
     if label not in known:
         environment = {**os.environ, "DRJIT_LIBLLVM_PATH": str(library)}
-        trial = subprocess.run(
-            [sys.executable, "-c", TRIAL], env=environment, capture_output=True, timeout=300, check=False
-        )
+        try:
+            trial = subprocess.run(
+                [sys.executable, "-c", TRIAL], env=environment, capture_output=True, timeout=300, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return False
         known[label] = trial.returncode == 0
         try:
             memory.parent.mkdir(parents=True, exist_ok=True)
@@ -91,10 +101,22 @@ def find_llvm() -> Path | None:
     return next((p for p in candidates() if works(p)), None)
 
 
+def no_llvm() -> str:
+    """What to say where no library works."""
+    found = ", ".join(f"LLVM {llvm_version(p) or '?'} ({p})" for p in candidates()) or "none"
+    named = " or unset DRJIT_LIBLLVM_PATH" if os.environ.get("DRJIT_LIBLLVM_PATH") else ""
+    return (
+        f"no LLVM library that Dr.Jit can use (found: {found}; 14 to 16 abort, 17 or newer is expected): "
+        f"run {install_llvm_command()}{named}"
+    )
+
+
 def install_llvm_command() -> str:
     """The one command that mends a missing or broken LLVM on this machine."""
     if sys.platform == "darwin":
         return "brew install llvm"
+    if not shutil.which("apt-get"):
+        return "this system's package manager to install LLVM 17 or newer"
     sudo = "" if os.geteuid() == 0 else "sudo "
     return f"{sudo}apt-get update && {sudo}apt-get install -y {newest_llvm_package()}"
 
@@ -129,11 +151,7 @@ def use_device(device: str) -> str:
     else:
         library = find_llvm()
         if library is None:
-            found = ", ".join(f"LLVM {llvm_version(p) or '?'} ({p})" for p in candidates()) or "none"
-            raise BadInput(
-                f"no LLVM library that Dr.Jit can use (found: {found}; 14 to 16 abort, 17 or newer is "
-                f"expected): run {install_llvm_command()}"
-            )
+            raise BadInput(no_llvm())
         os.environ["DRJIT_LIBLLVM_PATH"] = str(library)
         variant = "llvm_ad_rgb"
     import mitsuba as mi
