@@ -21,7 +21,7 @@ from typing import Any
 
 from approximations import contract
 from compare.metrics import MEANS
-from compare.task import ROOT, quantities_on
+from compare.task import PROFILES, ROOT, quantities_on
 from scenes.contract import QUANTITIES, BadInput, find_scene, make_scene, unknown
 
 THRESHOLDS = ROOT / "thresholds.toml"
@@ -39,9 +39,15 @@ class Threshold:
     pays: str
     at_most: float = math.inf
     at_least: float = -math.inf
-    size: int = 128
+    size: int = 0
     knobs: dict[str, Any] = field(default_factory=dict)
     fields: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def side(self) -> int:
+        """Pixels along a side: those of the quick profile unless another size is named."""
+        full = PROFILES["quick"].size
+        return self.size or (full // 2 if contract.find_technique(self.technique).estimates.probes else full)
 
     def label(self) -> str:
         """One line that names it."""
@@ -54,7 +60,7 @@ class Threshold:
         """Whether a record is the measurement that this threshold is about."""
         return (
             (record["technique"], record["scene"], record["quantity"], record["size"])
-            == (self.technique, self.scene, self.quantity, self.size)
+            == (self.technique, self.scene, self.quantity, self.side)
             and record["knobs"] == contract.find_technique(self.technique).settings(self.knobs)
             and record["fields"] == make_scene(self.scene, self.fields).fields()
         )

@@ -146,12 +146,12 @@ def verdicts(mutant: Mutant, technique: str, thresholds: list[Threshold], until_
         twin = twins[t.technique]
         scene = make_scene(t.scene, t.fields)
         settings = twin.settings(t.knobs)
-        label = str((t.technique, scene, settings, t.size))
+        label = str((t.technique, scene, settings, t.side))
         record = {"status": "ok", "findings": []}
         try:
             if label not in images:
-                images[label] = evaluate(twin, scene, twin.estimates, settings, t.size)
-            truth, _ = obtain(scene, QUANTITIES[t.quantity], t.size)
+                images[label] = evaluate(twin, scene, twin.estimates, settings, t.side)
+            truth, _ = obtain(scene, QUANTITIES[t.quantity], t.side)
             record["errors"] = judge(images[label], truth, QUANTITIES[t.quantity], None)
             record["findings"] = findings(images[label], truth)
         except Exception as error:

@@ -93,12 +93,14 @@ class Task:
         words = ["lightproof compare", self.technique, "--scene", self.scene, "--only"]
         defaults = find_scene(self.scene)().fields()
         words += [f"--set {k}={v}" for k, v in self.make_scene().fields().items() if v != defaults[k]]
+        side = self.size
         if self.technique != PATH_TRACER:
+            side *= 2 if find_technique(self.technique).estimates.probes else 1
             plain = find_technique(self.technique).settings({})
             words += [f"--knob {k}={v}" for k, v in self.knobs.items() if v != plain[k]]
         else:
             words += [f"--knob {k}={v}" for k, v in self.knobs.items()]
-        return " ".join([*words, f"--size {self.size}", f"--seed {self.seed}"])
+        return " ".join([*words, f"--size {side}", f"--seed {self.seed}"])
 
 
 @cache
@@ -145,8 +147,9 @@ def plan(
     seed: int = 1,
     only: bool = False,
 ) -> list[Task]:
-    """All tasks of a selection: defaults, one-at-a-time knob sweeps, ladders, stress sweeps and the
-    path tracer's curve on each scene. With `only`, just the setting asked for.
+    """All tasks of a selection: defaults, one-at-a-time knob sweeps, ladders, stress sweeps and the path
+    tracer's curve on each scene. With `only`, just the setting asked for. Probes are taken at half the
+    size, since they vary slowly and have no edges.
 
     Raises BadInput for unknown names, values out of range, or a scene that a technique is not for.
     """
@@ -164,11 +167,11 @@ def plan(
             names = quantities_on(technique, cls)
             settings = technique.settings(knobs)
 
-            def task(knobs: dict, *roles: str, size: int = size, **changed: Any) -> Task:
+            def task(knobs: dict, *roles: str, side: int = size, **changed: Any) -> Task:
                 return Task(
                     technique.name,
                     cls.__name__,
-                    size,
+                    side // 2 if technique.estimates.probes else side,
                     {**fields, **changed},
                     knobs,
                     names,
@@ -190,7 +193,7 @@ def plan(
             for name in technique.stress.get(cls.__name__, ()):
                 points = _points(cls, name, profile.stress_points)
                 tasks += [
-                    task(settings, f"stress:{name}", size=profile.stress_size, **{name: x}) for x in points
+                    task(settings, f"stress:{name}", side=profile.stress_size, **{name: x}) for x in points
                 ]
     for name, quantities in curves.items():
         rendered = tuple(dict.fromkeys(q.name for q in quantities if not q.probes and q.kind == "radiance"))

@@ -237,7 +237,7 @@ def silenced_stderr() -> Iterator[None]:
     """OpenEXR's C library prints its own line before it raises; one clear line is enough."""
     kept = os.dup(2)
     try:
-        with open(os.devnull, "w") as nowhere:
+        with Path(os.devnull).open("w") as nowhere:
             os.dup2(nowhere.fileno(), 2)
         yield
     finally:

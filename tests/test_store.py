@@ -38,15 +38,22 @@ def test_what_is_read_is_what_was_written_far_below_the_noise(truth, tmp_path):
     assert again.provenance["heaviest_tail"] == truth.provenance["heaviest_tail"]
 
 
-@pytest.mark.parametrize("where", [0.3, 0.6, 0.95])
-def test_a_flipped_byte_is_found_and_named(truth, tmp_path, where):
+def test_a_flipped_byte_anywhere_is_named_or_leaves_the_truth_as_it_was(truth, tmp_path):
     path = tmp_path / "t.exr"
     store.save(path, truth, "k")
-    data = bytearray(path.read_bytes())
-    data[int(where * len(data))] ^= 0x5A
-    path.write_bytes(data)
-    with pytest.raises(store.DamagedTruth, match="t.exr"):
-        store.load(path, "k")
+    whole, sound = path.read_bytes(), store.load(path, "k")
+    named = 0
+    for at in range(9, len(whole), len(whole) // 150):
+        data = bytearray(whole)
+        data[at] ^= 0x5A
+        path.write_bytes(data)
+        try:
+            again = store.load(path, "k")
+        except store.DamagedTruth as damage:
+            named += "t.exr" in str(damage)
+            continue
+        assert np.array_equal(again.mean, sound.mean) and again.provenance == sound.provenance
+    assert named > 120
 
 
 def test_a_cut_file_and_another_file_are_found_and_named(truth, tmp_path):
