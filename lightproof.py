@@ -120,26 +120,16 @@ def compare(
     """Measure techniques against the truth; run again to resume. Prints a table and writes the page."""
     from compare import run
     from compare.summary import overview
-    from compare.task import PROFILES, plan
+    from compare.task import PROFILES
 
     if profile not in PROFILES:
         raise unknown("profile", profile, PROFILES)
     variant = prepare(device, plugin)
     fields, knobs = pairs(settings, "--set"), pairs(knob, "--knob")
-    tasks = (
-        plan(
-            select(names, theme),
-            PROFILES[profile],
-            scene=scene,
-            fields=fields,
-            knobs=knobs,
-            size=size,
-            seed=seed,
-            only=only,
-        )
-        if not (names and "path_tracer" in names)
-        else path_tracer_tasks(scene, fields, knobs, profile, size, seed)
-    )
+    if names == ["path_tracer"]:
+        tasks = path_tracer_tasks(scene, fields, knobs, profile, size, seed)
+    else:
+        tasks = technique_tasks(select(names, theme), profile, scene, fields, knobs, size, seed, only)
     folder = folder or Path("runs") / profile
     run.open_run(folder, {"profile": profile, "variant": variant, "command": command_line()})
     with progress() as bar:
@@ -308,7 +298,7 @@ def reference_render(
     """Render the truths that a profile needs and the store lacks; or one Mitsuba scene file."""
     import os
 
-    from compare.task import PROFILES, plan
+    from compare.task import PROFILES
     from compare.worker import prepare_truth
 
     prepare(device, plugin)
@@ -333,7 +323,7 @@ def reference_render(
         os.environ["LIGHTPROOF_STORE"] = str(target)
     questions = {
         json.dumps([t.scene, t.make_scene().fields(), q, t.size]): (t.scene, t.fields, q, t.size)
-        for t in plan(select(None, None), PROFILES[profile])
+        for t in technique_tasks(select(None, None), profile, None, {}, {}, None, 1, False)
         for q in t.quantities
         if not wanted or t.scene in wanted
     }
@@ -390,6 +380,36 @@ def select(names: list[str] | None, theme: str | None) -> list:
     if theme not in themes:
         raise unknown("theme", theme, themes)
     return [t for t in chosen if t.theme == theme]
+
+
+def technique_tasks(
+    techniques: list,
+    profile: str,
+    scene: str | None,
+    fields: dict,
+    knobs: dict,
+    size: int | None,
+    seed: int,
+    only: bool,
+) -> list:
+    """The plan of a selection, and what the thresholds of these techniques ask for unless the selection
+    is narrowed."""
+    from compare import gate
+    from compare.task import PROFILES, merge, plan
+
+    tasks = plan(
+        techniques,
+        PROFILES[profile],
+        scene=scene,
+        fields=fields,
+        knobs=knobs,
+        size=size,
+        seed=seed,
+        only=only,
+    )
+    if profile == "quick" and not (scene or fields or knobs or size or only):
+        tasks = merge([*tasks, *gate.tasks(gate.load_thresholds(), techniques, seed)])
+    return tasks
 
 
 def path_tracer_tasks(

@@ -41,6 +41,7 @@ PHASE_FUNCTION = Assumption("phase function", "a broad lobe stands for a narrow 
 DEPTH_ORDER = Assumption("depth order", "layers are composited in the order of arrival")
 NUMBER_FORMAT = Assumption("number format", "rounding, range or cancellation of the numbers stored")
 CAPACITY = Assumption("capacity", "what does not fit a fixed array is dropped")
+PRINTED_SLIP = Assumption("slip in print", "the formula as it stands in print, which is wrong")
 SAMPLING = Assumption("sampling", "too few samples of an integral")
 
 

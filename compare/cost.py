@@ -64,11 +64,14 @@ def calibration() -> Any:
     return x
 
 
-def frame_cost(frame: Callable[[], Any], pixels: int, repeats: int = REPEATS) -> dict:
-    """What a frame costs. frame: lazily builds the image; its inputs are evaluated already.
+def frame_cost(
+    frame: Callable[[], Any], pixels: int, repeats: int = REPEATS, counted: dict | None = None
+) -> dict:
+    """What a frame costs. frame: lazily builds the image; its inputs are evaluated already. counted: its
+    work, where that is known from elsewhere.
 
-    Returns frame_ms, calibration_ms and frame_over_calibration with intervals, compile_ms (the first
-    call, once), operations, rays and bytes (in all and per pixel), and peak_bytes.
+    Returns frame_ms, calibration_ms and frame_over_calibration with intervals, compile_ms (of the first
+    call, near 0 where compiled_before), operations, rays and bytes, and peak_bytes.
     """
     with recording():
         run(calibration)
@@ -79,7 +82,7 @@ def frame_cost(frame: Callable[[], Any], pixels: int, repeats: int = REPEATS) ->
             controls.append(milliseconds(run(calibration)))
             frames.append(milliseconds(run(frame)))
         peak = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
-    counted = work(frame)
+    counted = counted or work(frame)
     return {
         "frame_ms": median(frames).plain(),
         "calibration_ms": median(controls).plain(),

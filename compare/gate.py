@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from approximations import contract
+from approximations.contract import Technique
 from compare.metrics import MEANS
-from compare.task import PROFILES, ROOT, quantities_on
+from compare.task import PROFILES, ROOT, Task, quantities_on
 from scenes.contract import QUANTITIES, BadInput, find_scene, make_scene, unknown
 
 THRESHOLDS = ROOT / "thresholds.toml"
@@ -110,6 +111,26 @@ def load_thresholds(path: Path = THRESHOLDS) -> list[Threshold]:
             raise BadInput(f"{path}: {threshold.label()}: the technique is not held against that truth")
         found.append(threshold)
     return found
+
+
+def tasks(thresholds: list[Threshold], techniques: list[Technique], seed: int = 1) -> list[Task]:
+    """The measurements that thresholds of these techniques ask for."""
+    names = {t.name for t in techniques}
+    return [
+        Task(
+            t.technique,
+            t.scene,
+            t.side,
+            t.fields,
+            contract.find_technique(t.technique).settings(t.knobs),
+            quantities_on(contract.find_technique(t.technique), find_scene(t.scene)),
+            ("threshold",),
+            seed,
+            PROFILES["quick"].seconds,
+        )
+        for t in thresholds
+        if t.technique in names
+    ]
 
 
 def judge(thresholds: list[Threshold], records: list[dict]) -> list[Verdict]:

@@ -230,21 +230,44 @@ def save_image(folder: Path, name: str, image: np.ndarray) -> str:
     return f"images/{name}"
 
 
+@lru_cache(maxsize=16)
+def path_tracer_work(scene: Scene, quantity: Quantity, size: int) -> dict:
+    """Work of one sample per pixel."""
+    import mitsuba as mi
+
+    from reference.render import load_scene
+
+    loaded = load_scene(scene, quantity, size)
+    return cost.work(lambda: mi.render(loaded, spp=1, seed=0))
+
+
 def measure_path_tracer(task: Task, folder: Path) -> dict:
     """The reference integrator at a few samples per pixel, as if it were a technique.
 
-    Its squared error is split: variance between REALISATIONS independent images, and what is left.
+    The frames that are timed are the independent images that are judged, REALISATIONS or more. Work is
+    counted at one sample per pixel and grows with the samples.
     """
     import mitsuba as mi
 
-    from reference.render import load_scene, sample
+    from reference.render import load_scene, to_array
 
     scene, spp = task.make_scene(), int(task.knobs["spp"])
     quantity = QUANTITIES[task.quantities[0]]
-    key = task.key(_variant())
+    key = task.key(mi.variant())
     truth, about = find_truth(scene, quantity, task.size, folder)
-    draw = sample(scene, quantity, task.size)
-    images = [draw(spp, 1000 * task.seed + 7919 + k) for k in range(REALISATIONS)]
+    loaded = load_scene(scene, quantity, task.size)
+    seeds = iter(range(task.seed * 10**6, 2 * task.seed * 10**6))
+    images = []
+
+    def frame() -> Any:
+        images.append(mi.render(loaded, spp=spp, seed=next(seeds)))
+        return images[-1]
+
+    counted = {k: v * spp for k, v in path_tracer_work(scene, quantity, task.size).items() if k != "kernels"}
+    costs = cost.frame_cost(
+        frame, task.size**2, cost.REPEATS if spp <= 2 else REALISATIONS, counted | {"kernels": None}
+    )
+    images = [to_array(image) for image in images]
     per_image = [metrics.errors(image, truth, quantity, None) for image in images]
     errors = {}
     for name in per_image[0]:
@@ -254,12 +277,6 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     stack = np.stack(images)
     noise = float(stack.var(axis=0, ddof=1).mean())
     scale = float(truth.mean.mean())
-    loaded = load_scene(scene, quantity, task.size)
-    repeats = cost.REPEATS if spp <= 2 else 3
-    seeds = iter(range(10**6, 2 * 10**6))
-    costs = cost.frame_cost(
-        lambda: mi.render(loaded, spp=spp, seed=next(seeds)), task.size * task.size, repeats
-    )
     return header(task, key, quantity) | {
         "kind": "path tracer",
         "theme": type(scene).theme,

@@ -33,7 +33,7 @@ class Profile:
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 128, 64, 5, (1, 2, 4, 8, 16, 32), 120),
+        Profile("quick", 128, 64, 5, (1, 2, 4, 8, 16), 120),
         Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), 1800),
     )
 }

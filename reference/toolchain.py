@@ -26,6 +26,7 @@ LIBRARY_FOLDERS = (
     "/opt/homebrew/opt/llvm/lib",
     "/usr/local/opt/llvm/lib",
 )
+PACKAGED = "/usr/lib"  # where distributions keep llvm-*/lib
 TRIAL = (
     "import resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0));"
     "import drjit as dr, mitsuba as mi; mi.set_variant('llvm_ad_rgb');"
@@ -53,7 +54,7 @@ def candidates() -> list[Path]:
     if named:
         return [Path(named)]
     folders = [Path(f) for f in LIBRARY_FOLDERS]
-    folders += sorted(Path("/usr/lib").glob("llvm-*/lib"))
+    folders += sorted(Path(PACKAGED).glob("llvm-*/lib"))
     found = {
         p.resolve(): p
         for folder in folders
