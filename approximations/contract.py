@@ -36,6 +36,7 @@ INTERREFLECTION = Assumption("interreflection", "light that met more than one su
 OCCLUSION = Assumption("occlusion", "everything is taken to be visible")
 INSCATTERED_LIGHT = Assumption("in-scattered light", "its variation along and across rays")
 MEDIUM_SHADOWS = Assumption("medium shadows", "objects and medium do not shade the medium or the ground")
+HEIGHT_PROFILE = Assumption("height profile", "density is taken to be the same at every height")
 MULTIPLE_SCATTERING = Assumption("multiple scattering", "light scattered more than once")
 PHASE_FUNCTION = Assumption("phase function", "a broad lobe stands for a narrow one")
 DEPTH_ORDER = Assumption("depth order", "layers are composited in the order of arrival")

@@ -107,7 +107,7 @@ def obtain(
         raise BadInput(f"{type(scene).__name__} has no {quantity.name}: it has {known}")
     if has_closed_form(type(scene), quantity):
         return evaluate_closed_form(scene, quantity, size), "closed-form"
-    how = effort(scene.mitsuba(size))
+    how = effort(scene.mitsuba(size), size)
     how = Effort(how.spp, how.batches, seed)
     key = truth_key(scene, quantity, size, how)
     name = file_name(scene, quantity, size, key)

@@ -74,7 +74,7 @@ def test_the_truth_of_another_question_is_refused(truth, tmp_path):
 
 
 def test_a_damaged_truth_is_named_and_replaced_never_used(own_store, monkeypatch):
-    monkeypatch.setattr(store, "effort", lambda description: Effort(4, 4))
+    monkeypatch.setattr(store, "effort", lambda description, size: Effort(4, 4))
     first, key = store.obtain(SCENE, DIRECT_RADIANCE, 16)
     path = own_store / store.file_name(SCENE, DIRECT_RADIANCE, 16, key)
     data = bytearray(path.read_bytes())

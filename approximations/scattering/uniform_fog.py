@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from approximations.contract import (
+    HEIGHT_PROFILE,
     INSCATTERED_LIGHT,
     INTERREFLECTION,
     LINEAR_IN_LIGHT,
@@ -29,7 +30,14 @@ from scenes.fog import FogOverGround
     also=(SINGLE_SCATTERING,),
     on=(FogOverGround,),
     replaces="light scattered by the fog, and the fog's shade on what it holds",
-    neglects=(INSCATTERED_LIGHT, MEDIUM_SHADOWS, MULTIPLE_SCATTERING, OCCLUSION, INTERREFLECTION),
+    neglects=(
+        HEIGHT_PROFILE,
+        INSCATTERED_LIGHT,
+        MEDIUM_SHADOWS,
+        MULTIPLE_SCATTERING,
+        OCCLUSION,
+        INTERREFLECTION,
+    ),
     claims=(LINEAR_IN_LIGHT,),
     baseline=True,
 )
