@@ -134,10 +134,10 @@ def tasks(thresholds: list[Threshold], techniques: list[Technique], seed: int = 
 
 
 def judge(thresholds: list[Threshold], records: list[dict]) -> list[Verdict]:
-    """A verdict for every threshold whose technique the run has on that scene."""
+    """A verdict for every threshold whose technique the run has on that scene, by its newest record."""
     present = {(r["technique"], r["scene"]) for r in records}
     chosen = [t for t in thresholds if (t.technique, t.scene) in present]
-    return [judge_one(t, next((r for r in records if t.fits(r)), None)) for t in chosen]
+    return [judge_one(t, next((r for r in reversed(records) if t.fits(r)), None)) for t in chosen]
 
 
 def judge_one(threshold: Threshold, record: dict | None) -> Verdict:
@@ -147,6 +147,9 @@ def judge_one(threshold: Threshold, record: dict | None) -> Verdict:
     if record["status"] != "ok" or record["errors"] is None:
         why = record.get("error") or "; ".join(f"{f['kind']}: {f['text']}" for f in record["findings"])
         return Verdict(threshold, "fail", None, None, None, None, f"no figures: {why}")
+    if threshold.metric not in record["errors"]:
+        why = f"{threshold.metric} is not taken of this setting"
+        return Verdict(threshold, "not measured", None, None, None, None, why)
     e = record["errors"][threshold.metric]
     value, low, high = e["value"], e["low"], e["high"]
     bounds = [b for b in (threshold.at_most, threshold.at_least) if math.isfinite(b)]

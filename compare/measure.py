@@ -33,13 +33,16 @@ def measure(task: Task, folder: Path) -> list[dict]:
     scene = task.make_scene()
     quantity = technique.estimates
     image = evaluate(technique, scene, quantity, task.knobs, task.size)
+    shown = "default" in task.roles
     costs = technique_cost(technique, scene, quantity, task.knobs, task.size)
+    if technique.bake_function and shown:
+        bake = technique.split(task.knobs)[1]
+        costs["bake_rays"] = bake_rays(technique, scene, task.size, bake)
     key = task.key(_variant())
     picture = save_image(folder, f"{key}.exr", image)
     stages = technique.stages()
     ladder = {"exact": [s for s in stages if task.knobs[s] == "exact"], "of": stages}
     inside = technique.domain_function(scene) if technique.domain_function else None
-    shown = "default" in task.roles
     records = []
     for name in task.quantities:
         record = header(task, key, QUANTITIES[name])
@@ -49,6 +52,8 @@ def measure(task: Task, folder: Path) -> list[dict]:
             "theme": technique.theme,
             "baseline": technique.baseline,
             "covers": list(technique.covers),
+            "source": technique.source,
+            "replaces": technique.replaces,
             "neglects": [a.name for a in technique.neglects],
             "stochastic": False,
             "ladder": ladder,
@@ -178,17 +183,14 @@ def technique_cost(
             dr.eval(result)
             dr.sync_thread()
             costs["bake_ms"] = cost.milliseconds(cost.kernels())
-        costs["bake_rays"] = bake_rays(technique.name, scene, size, tuple(bake.items()), quantity.probes)
         extra = (result,)
     return costs | cost.frame_cost(lambda: technique(view, *extra, **frame), size * size)
 
 
-@lru_cache(maxsize=32)
-def bake_rays(technique_name: str, scene: Scene, size: int, bake: tuple, probes: bool) -> int:
-    """Rays that the offline stage traces."""
-    technique = find_technique(technique_name)
-    view = make_view(scene, size, probes)
-    return cost.work(lambda: technique.bake_function(view, **dict(bake)))["rays"]
+def bake_rays(technique: Technique, scene: Scene, size: int, bake: dict) -> int:
+    """Rays that the offline stage traces; counted turn by turn, so for a few settings only."""
+    view = make_view(scene, size, technique.estimates.probes)
+    return cost.work(lambda: technique.bake_function(view, **bake))["rays"]
 
 
 @lru_cache(maxsize=8)

@@ -177,13 +177,14 @@ def outcome(pool: ProcessPool, task: Task, folder: Path) -> list[dict]:
         return worker.failed(task, "failed", worker.one_line(error))
 
 
-def path_tracer_curve(known: list[dict], scene: str, quantity: str, size: int) -> list[dict]:
-    """The path tracer's records on a scene at its default fields, by samples per pixel."""
+def path_tracer_curve(known: list[dict], record: dict) -> list[dict]:
+    """The path tracer's records on a record's scene, with its fields and size, by samples per pixel."""
+    same = ("scene", "fields", "quantity", "size")
     curve = [
         r
         for r in known
         if r["technique"] == PATH_TRACER
-        and (r["scene"], r["quantity"], r["size"]) == (scene, quantity, size)
         and r["status"] == "ok"
+        and all(r[name] == record[name] for name in same)
     ]
     return sorted(curve, key=lambda r: r["knobs"]["spp"])

@@ -79,7 +79,7 @@ def overview(records: list[dict]) -> list[dict]:
             rows.append(row | {"rmse": r["status"], "findings": found})
             continue
         e, c = r["errors"], r["costs"]
-        curve = path_tracer_curve(records, r["scene"], r["quantity"], r["size"])
+        curve = path_tracer_curve(records, r)
         relative = "gain" in e
         instead = error_at_cost(curve, c["frame_ms"]["value"])
         needed = cost_at_error(curve, e["rmse"]["value"])

@@ -4,11 +4,12 @@ its own task: whatever goes wrong becomes a record."""
 from __future__ import annotations
 
 import os
+import re
 import traceback
 from pathlib import Path
 from typing import Any
 
-from compare.task import Task
+from compare.task import PATH_TRACER, Task
 from scenes.contract import QUANTITIES, BadInput, all_scenes, make_scene
 
 MEMORY_SHARE = 0.8
@@ -72,7 +73,7 @@ def failed(task: Task, status: str, error: str) -> list[dict]:
             "key": f"{task.key(mitsuba.variant())}-{quantity}",
             "status": status,
             "error": error,
-            "kind": "technique",
+            "kind": "path tracer" if task.technique == PATH_TRACER else "technique",
             "technique": task.technique,
             "scene": task.scene,
             "fields": task.make_scene().fields(),
@@ -95,7 +96,7 @@ def status_of(error: Exception) -> str:
     """ "out of memory", "cannot write" (which ends the run) or "failed"."""
     from reference.store import CannotWrite
 
-    if isinstance(error, MemoryError) or "out of memory" in str(error).lower():
+    if isinstance(error, MemoryError) or re.search("out of memory|bad_alloc", str(error), re.IGNORECASE):
         return "out of memory"
     return "cannot write" if isinstance(error, CannotWrite) else "failed"
 
