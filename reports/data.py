@@ -152,7 +152,7 @@ def case(head: dict, known: list[dict], verdicts: list[Verdict]) -> dict:
     own = [r for r in known if (r["technique"], r["scene"], r["quantity"]) == question]
     here = [r for r in own if r["fields"] == head["fields"] and r["size"] == head["size"]]
     same = [r for r in known if r["fields"] == head["fields"]]
-    curve = path_tracer_curve(same, head["scene"], head["quantity"], head["size"])
+    curve = path_tracer_curve(same, head)
     rivals = [
         r
         for r in same

@@ -115,7 +115,7 @@ def test_nothing_half_written_is_left_when_the_disk_is_full(truth, tmp_path, mon
     monkeypatch.setattr(store, "read_exr", full)
     with pytest.raises(store.CannotWrite, match="No space left"):
         store.save(tmp_path / "t.exr", truth, "k")
-    assert os.listdir(tmp_path) == []
+    assert not list(tmp_path.iterdir())
 
 
 def write(path):

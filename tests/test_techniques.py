@@ -79,11 +79,8 @@ def test_declaration_is_whole(technique):
     assert technique.baseline or technique.domain_function is not None
     assert all(technique.estimates in s.quantities for s in technique.on)
     assert all(q in QUANTITIES.values() for q in technique.also)
-    assert (
-        technique.function.__doc__
-        and "W m^-2" in technique.function.__doc__
-        or (technique.estimates.kind == "ratio")
-    )
+    unit = "W m^-2" if technique.estimates.kind == "radiance" else "0 to 1"
+    assert unit in technique.function.__doc__
 
 
 def test_the_quick_plan_sweeps_every_knob_every_stage_and_every_stressed_field():
