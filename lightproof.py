@@ -183,13 +183,14 @@ def report(
 def gate(
     folder: RunFolder = Path("runs/quick"),
     thresholds: Annotated[Path | None, typer.Option(help="another thresholds file")] = None,
+    plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
     """Judge a run by the accuracy thresholds."""
     from compare.gate import THRESHOLDS, exit_code, judge, load_thresholds
     from compare.run import records
 
-    prepare("cpu", None)
+    prepare("cpu", plugin)
     verdicts = judge(load_thresholds(thresholds or THRESHOLDS), records(folder))
     rows = [
         {
@@ -314,6 +315,7 @@ def reference_render(
         save(target, render_file(Path(files[0]), spp), "scene-file")
         out.print(str(target))
         return
+    from reference.truth import has_closed_form
     from scenes.contract import find_scene
 
     wanted = {find_scene(n).__name__ for n in names or []}
@@ -325,7 +327,7 @@ def reference_render(
         json.dumps([t.scene, t.make_scene().fields(), q, t.size]): (t.scene, t.fields, q, t.size)
         for t in technique_tasks(select(None, None), profile, None, {}, {}, None, 1, False)
         for q in t.quantities
-        if not wanted or t.scene in wanted
+        if (not wanted or t.scene in wanted) and not has_closed_form(find_scene(t.scene), QUANTITIES[q])
     }
     with progress() as bar:
         line = bar.add_task("starting", total=len(questions))
@@ -446,10 +448,12 @@ def show(rows: Any, as_json: bool) -> None:
         print(json.dumps(rows, indent=1, default=str))
         return
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for name in rows[0] if rows else ["nothing to show"]:
-        table.add_column(str(name), overflow="fold")
+    widest = max(rows, key=len, default={})
+    names = list(dict.fromkeys([*widest, *(name for row in rows for name in row)]))
+    for name in names:
+        table.add_column(name, overflow="fold")
     for row in rows:
-        table.add_row(*(cell(v) for v in row.values()))
+        table.add_row(*(cell(row.get(name)) for name in names))
     out.print(table, markup=False) if rows else out.print("nothing to show")
 
 
@@ -465,7 +469,7 @@ def cell(value: Any) -> str:
 
 
 def progress() -> Progress:
-    """A progress bar on the error stream."""
+    """A progress bar on the error stream, where that is a terminal."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -473,6 +477,7 @@ def progress() -> Progress:
         TimeElapsedColumn(),
         console=err,
         transient=True,
+        disable=not err.is_terminal,
     )
 
 
@@ -487,9 +492,11 @@ def main() -> None:
 
     try:
         code = app(standalone_mode=False)
+        if code == 130:  # what typer makes of an interrupt
+            raise KeyboardInterrupt
     except BadInput as error:
         err.print(f"lightproof: {error}", markup=False, highlight=False, soft_wrap=True)
-        code = 2
+        code = 4 if getattr(error, "full", False) else 2
     except ClickException as error:
         err.print(f"lightproof: {error.format_message()}", markup=False, highlight=False, soft_wrap=True)
         code = 2

@@ -19,6 +19,8 @@ import mitsuba as mi
 from compare.statistics import median
 
 REPEATS = 10
+SLOW_MS, SLOW_REPEATS = 100.0, 3
+"""A frame of the path tracer that takes longer than this is timed fewer times."""
 CALIBRATION_SIZE = 1 << 18
 RAY = re.compile(r"call void %\w+\(ptr %\w+, ptr %\w+, ptr %\w+, ptr|_optix_trace|optix\.ptx\.trace")
 VECTOR_ACCESS = re.compile(
@@ -64,9 +66,7 @@ def calibration() -> Any:
     return x
 
 
-def frame_cost(
-    frame: Callable[[], Any], pixels: int, repeats: int = REPEATS, counted: dict | None = None
-) -> dict:
+def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = None) -> dict:
     """What a frame costs. frame: lazily builds the image; its inputs are evaluated already. counted: its
     work, where that is known from elsewhere.
 
@@ -76,6 +76,7 @@ def frame_cost(
     with recording():
         run(calibration)
         first = run(frame)
+        repeats = REPEATS if milliseconds(first) < SLOW_MS else SLOW_REPEATS
         dr.detail.malloc_clear_statistics()
         frames, controls = [], []
         for _ in range(repeats):

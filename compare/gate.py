@@ -123,7 +123,7 @@ def tasks(thresholds: list[Threshold], techniques: list[Technique], seed: int = 
             t.side,
             t.fields,
             contract.find_technique(t.technique).settings(t.knobs),
-            quantities_on(contract.find_technique(t.technique), find_scene(t.scene)),
+            (t.quantity,),
             ("threshold",),
             seed,
             PROFILES["quick"].seconds,

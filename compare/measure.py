@@ -18,9 +18,6 @@ from reference import store
 from reference.truth import Truth, box_filter
 from scenes.contract import QUANTITIES, BadInput, Quantity, Scene, View
 
-REALISATIONS = 4
-"""Independent images of a noisy estimate, from which its variance is told apart from its bias."""
-
 
 def measure(task: Task, folder: Path) -> list[dict]:
     """Errors, costs and findings of a task, one record per quantity; images go to folder/images.
@@ -246,7 +243,7 @@ def path_tracer_work(scene: Scene, quantity: Quantity, size: int) -> dict:
 def measure_path_tracer(task: Task, folder: Path) -> dict:
     """The reference integrator at a few samples per pixel, as if it were a technique.
 
-    The frames that are timed are the independent images that are judged, REALISATIONS or more. Work is
+    The frames that are timed, and the first one, are the independent images that are judged. Work is
     counted at one sample per pixel and grows with the samples.
     """
     import mitsuba as mi
@@ -266,9 +263,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
         return images[-1]
 
     counted = {k: v * spp for k, v in path_tracer_work(scene, quantity, task.size).items() if k != "kernels"}
-    costs = cost.frame_cost(
-        frame, task.size**2, cost.REPEATS if spp <= 2 else REALISATIONS, counted | {"kernels": None}
-    )
+    costs = cost.frame_cost(frame, task.size**2, counted | {"kernels": None})
     images = [to_array(image) for image in images]
     per_image = [metrics.errors(image, truth, quantity, None) for image in images]
     errors = {}

@@ -36,9 +36,8 @@ def error_at_cost(curve: list[dict], cost: float) -> float | None:
     points = [(c, e) for c, e in points if c > 0 and e > 0]
     if not points:
         return None
-    c, e = np.log(np.array(sorted(points))).T
-    if cost <= math.exp(c[0]):
-        return math.exp(e[0])
+    c, e = np.log(np.array(points)).T
+    c = np.maximum.accumulate(c)
     if cost >= math.exp(c[-1]):
         return float(math.exp(e[-1] - 0.5 * (math.log(cost) - c[-1])))
     return float(math.exp(np.interp(math.log(cost), c, e)))

@@ -33,7 +33,7 @@ class Profile:
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 128, 64, 5, (1, 2, 4, 8, 16), 120),
+        Profile("quick", 128, 64, 5, (1, 2, 4, 8), 120),
         Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), 1800),
     )
 }
@@ -67,7 +67,6 @@ class Task:
             "scene": self.scene,
             "fields": self.make_scene().fields(),
             "knobs": self.knobs,
-            "quantities": list(self.quantities),
             "size": self.size,
             "seed": self.seed,
         }
@@ -214,15 +213,18 @@ def ladder(technique: Technique, settings: dict[str, Any]) -> list[dict[str, Any
 
 
 def merge(tasks: list[Task]) -> list[Task]:
-    """Each setting once, with all the roles that it plays."""
+    """Each setting once, with all the roles that it plays and all the truths that it is held against."""
     from dataclasses import replace
 
     found: dict[str, Task] = {}
     for t in tasks:
-        label = json.dumps(t.identity(), sort_keys=True)
+        label = json.dumps(
+            [t.identity(), t.quantities if t.technique == PATH_TRACER else None], sort_keys=True
+        )
         if label in found:
             roles = tuple(dict.fromkeys(found[label].roles + t.roles))
-            found[label] = replace(found[label], roles=roles)
+            quantities = tuple(dict.fromkeys(found[label].quantities + t.quantities))
+            found[label] = replace(found[label], roles=roles, quantities=quantities)
         else:
             found[label] = t
     return list(found.values())

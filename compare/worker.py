@@ -3,8 +3,11 @@ its own task: whatever goes wrong becomes a record."""
 
 from __future__ import annotations
 
+import multiprocessing
+import multiprocessing.connection
 import os
 import re
+import threading
 import traceback
 from pathlib import Path
 from typing import Any
@@ -20,12 +23,21 @@ def start(device: str, plugins: tuple[str, ...]) -> None:
     from approximations.contract import all_techniques, load_plugin
     from reference.toolchain import use_device
 
+    threading.Thread(target=end_with_parent, daemon=True).start()
     if use_device(device).startswith("llvm"):
         limit_memory()
     all_scenes()
     all_techniques()
     for path in plugins:
         load_plugin(Path(path))
+
+
+def end_with_parent() -> None:
+    """End this process once the one that started it is gone, whatever it is doing."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
 
 
 def limit_memory() -> None:

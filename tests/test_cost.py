@@ -53,7 +53,7 @@ def test_bytes_follow_the_arrays_that_are_read_and_written():
 
 
 def test_frame_cost_has_intervals_and_a_calibration_beside_it():
-    found = cost.frame_cost(lambda: loop(16), 4096, repeats=10)
+    found = cost.frame_cost(lambda: loop(16), 4096)
     for name in ("frame_ms", "calibration_ms", "frame_over_calibration"):
         e = found[name]
         assert 0 < e["low"] <= e["value"] <= e["high"]
