@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import sys
+import tempfile
 import types
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -111,20 +112,15 @@ def kit_files(technique: Technique) -> list[Path]:
 def load_twin(technique: Technique, mutant: Mutant) -> dict[str, Technique]:
     """The techniques that the technique's module declares, with one sign flipped; the registry is left
     as it was."""
-    kept = dict(TECHNIQUES)
-    file = technique.file
-    own = Path(mutant.file) == file
-    twin = types.ModuleType(f"twin_of_{file.stem}")
-    twin.__file__ = str(file)
-    sys.modules[twin.__name__] = twin
+    kept, file = dict(TECHNIQUES), technique.file
+    TECHNIQUES.clear()
     try:
-        tree = mutated_source(mutant) if own else ast.parse(file.read_text())
-        TECHNIQUES.clear()
-        exec(compile(tree, str(file), "exec"), vars(twin))
-        if not own:
+        if Path(mutant.file) == file:
+            _load(f"twin_of_{file.stem}", mutated_source(mutant))
+        else:
+            twin = _load(f"twin_of_{file.stem}", ast.parse(file.read_text()))
             name = next(m for m, v in sys.modules.items() if getattr(v, "__file__", None) == mutant.file)
-            kit = types.ModuleType(name)
-            exec(compile(mutated_source(mutant), mutant.file, "exec"), vars(kit))
+            kit = _load(f"twin_of_{Path(mutant.file).stem}", mutated_source(mutant))
             for key, value in list(vars(twin).items()):
                 if getattr(value, "__module__", None) == name and hasattr(kit, key):
                     setattr(twin, key, getattr(kit, key))
@@ -132,6 +128,18 @@ def load_twin(technique: Technique, mutant: Mutant) -> dict[str, Technique]:
     finally:
         TECHNIQUES.clear()
         TECHNIQUES.update(kept)
+
+
+def _load(name: str, tree: ast.Module) -> types.ModuleType:
+    """A module from a syntax tree, through a file, since Dr.Jit reads the source of `@dr.syntax`."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"{name}.py"
+        file.write_text(ast.unparse(tree))
+        module = types.ModuleType(name)
+        module.__file__ = str(file)
+        sys.modules[name] = module
+        exec(compile(file.read_text(), str(file), "exec"), vars(module))
+    return module
 
 
 def verdicts(mutant: Mutant, technique: str, thresholds: list[Threshold], until_fail: bool) -> list[Verdict]:

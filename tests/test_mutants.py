@@ -1,5 +1,6 @@
 """Every sign of every technique is watched by a threshold, and every threshold can fail."""
 
+import ast
 import multiprocessing
 from concurrent.futures import TimeoutError as TimedOut
 from pathlib import Path
@@ -69,4 +70,8 @@ def test_a_flipped_sign_fails_the_gate_and_every_threshold_can_fail(pool, file):
 def test_a_mutant_differs_from_its_original_in_one_sign(tmp_path):
     file = tmp_path / "m.py"
     file.write_text("def f(a, b=-1):\n    return -a + b if a < b else a - b\n")
-    assert [m.text for m in mutants.mutants(file)] == ["-a + b", "-a", "a < b", "a - b"]
+    found = mutants.mutants(file)
+    assert sorted(m.text for m in found) == ["-a", "-a + b", "a - b", "a < b"]
+    twins = {ast.unparse(mutants.mutated_source(m)) for m in found}
+    assert len(twins) == 4
+    assert "def f(a, b=-1):\n    return -a - b if a < b else a - b" in twins
