@@ -3,7 +3,6 @@
 import ast
 import multiprocessing
 from concurrent.futures import TimeoutError as TimedOut
-from pathlib import Path
 
 import pytest
 from pebble import ProcessExpired, ProcessPool
@@ -12,10 +11,17 @@ from approximations.contract import all_techniques, find_technique
 from compare import mutants, worker
 from compare.gate import load_thresholds
 
-ALIKE: dict[str, str] = {}
+ALIKE = {
+    "height_fog.py: i + offset": "turns the even offsets of a stratified sum into the same ones backwards",
+}
 """Mutants that no image can tell from the original, and why."""
 
-FILES = sorted({t.file for t in all_techniques().values()})
+all_techniques()
+MODULES = mutants.modules()
+KIT = {
+    f: [n for n in MODULES.values() if f in mutants.kit_files(find_technique(n[0]))]
+    for f in sorted({f for names in MODULES.values() for f in mutants.kit_files(find_technique(names[0]))})
+}
 
 
 @pytest.fixture(scope="module")
@@ -29,29 +35,14 @@ def pool():
         yield pool
 
 
-def all_mutants(file: Path) -> list[mutants.Mutant]:
-    technique = find_technique(mutants.modules()[file][0])
-    return [m for f in (file, *mutants.kit_files(technique)) for m in mutants.mutants(f)]
-
-
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
-def test_a_flipped_sign_fails_the_gate_and_every_threshold_can_fail(pool, file):
-    names = mutants.modules()[file]
-    thresholds = [t for t in load_thresholds() if t.technique in names]
-    assert thresholds, f"{file.stem} has no thresholds"
-    unproven, unseen = set(range(len(thresholds))), []
-    found = all_mutants(file)
-    assert found
+def unseen(pool, found: list[mutants.Mutant], names: list[str], thresholds: list, unproven: set) -> list:
+    """Mutants that pass the gate; thresholds that fail for one leave `unproven`. A crash is seen."""
+    passed = []
     for batch in (found[i : i + 4] for i in range(0, len(found), 4)):
         order = sorted(range(len(thresholds)), key=lambda i: i not in unproven)
-        until_fail = not unproven
+        asked = [thresholds[i] for i in order]
         futures = [
-            pool.schedule(
-                mutants.verdicts,
-                args=(m, names[0], [thresholds[i] for i in order], until_fail),
-                timeout=120,
-            )
+            pool.schedule(mutants.verdicts, args=(m, names[0], asked, not unproven), timeout=120)
             for m in batch
         ]
         for mutant, future in zip(batch, futures, strict=True):
@@ -61,10 +52,38 @@ def test_a_flipped_sign_fails_the_gate_and_every_threshold_can_fail(pool, file):
                 continue
             failed = {i for i, v in zip(order, verdicts, strict=False) if v.result == "fail"}
             unproven -= failed
-            if not failed and mutant.label not in ALIKE:
-                unseen.append(mutant.label)
-    assert not unseen, "no threshold sees: " + "; ".join(unseen)
+            if not failed:
+                passed.append(mutant)
+    return passed
+
+
+def thresholds_of(names: list[str]) -> list:
+    found = [t for t in load_thresholds() if t.technique in names]
+    assert found, f"{names} have no thresholds"
+    return found
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("file", MODULES, ids=lambda f: f.stem)
+def test_a_flipped_sign_fails_the_gate_and_every_threshold_can_fail(pool, file):
+    thresholds, names = thresholds_of(MODULES[file]), MODULES[file]
+    unproven = set(range(len(thresholds)))
+    passed = unseen(pool, mutants.mutants(file), names, thresholds, unproven)
+    if unproven:
+        shared = [m for kit in mutants.kit_files(find_technique(names[0])) for m in mutants.mutants(kit)]
+        unseen(pool, shared, names, thresholds, unproven)
+    left = [m.label for m in passed if f"{file.name}: {m.text}" not in ALIKE]
+    assert not left, "no threshold sees: " + "; ".join(left)
     assert not unproven, "never fails: " + "; ".join(thresholds[i].label() for i in unproven)
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("file", KIT, ids=lambda f: f.stem)
+def test_a_flipped_sign_in_the_kit_fails_the_gate_of_a_technique_that_uses_it(pool, file):
+    passed = mutants.mutants(file)
+    for names in KIT[file]:
+        passed = unseen(pool, passed, names, thresholds_of(names), set())
+    assert not passed, "no threshold sees: " + "; ".join(m.label for m in passed)
 
 
 def test_a_mutant_differs_from_its_original_in_one_sign(tmp_path):
