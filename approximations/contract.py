@@ -276,7 +276,7 @@ def _lines(error: BaseException, path: Path) -> list[int]:
     found = [error.lineno] if isinstance(error, SyntaxError) and error.lineno else []
     trace = error.__traceback__
     while trace:
-        if Path(trace.tb_frame.f_code.co_filename) == path:
+        if Path(trace.tb_frame.f_code.co_filename).resolve() == path.resolve():
             found.append(trace.tb_lineno)
         trace = trace.tb_next
     return found

@@ -9,9 +9,12 @@ digest, key or shape does not fit is named and never used.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,6 +37,11 @@ class DamagedTruth(BadInput):
 
 class CannotWrite(BadInput):
     """A file could not be written: a full disk, or a folder without the right to write."""
+
+    @property
+    def full(self) -> bool:
+        """Whether there was no room: the same command goes on once there is."""
+        return any(os.strerror(e) in str(self) for e in (errno.ENOSPC, errno.EDQUOT))
 
 
 def user_store() -> Path:
@@ -212,8 +220,12 @@ def write_exr(path: Path, header: dict, channels: dict[str, np.ndarray]) -> None
         read_exr(partial)
         partial.replace(path)
     except (OSError, RuntimeError, DamagedTruth) as error:
-        partial.unlink(missing_ok=True)
-        reason = getattr(error, "strerror", None) or "the disk is full or the folder is not writable"
+        full = path.parent.is_dir() and shutil.disk_usage(path.parent).free < 1 << 16
+        reason = getattr(error, "strerror", None) or (
+            os.strerror(errno.ENOSPC) if full else "the folder is not writable"
+        )
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
         raise CannotWrite(
             f"cannot write {path}: {reason}; free space there or choose another folder"
         ) from error
