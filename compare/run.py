@@ -90,13 +90,15 @@ def append(folder: Path, new: Iterable[dict]) -> None:
 
 
 def pending(tasks: list[Task], known: list[dict], variant: str) -> tuple[list[Task], list[dict]]:
-    """Tasks still to be measured, and old records whose roles have grown."""
+    """Tasks still to be measured, and old records whose roles have grown. A setting that becomes the
+    default is measured again, since only those have FLIP."""
     done = {r["key"]: r for r in known if r["status"] == "ok"}
     todo, grown = [], []
     for task in tasks:
         key = task.key(variant)
         old = [done.get(f"{key}-{q}") for q in task.quantities]
-        if not all(old):
+        shown = "default" in task.roles and not all(r and "default" in r["roles"] for r in old)
+        if shown or not all(old):
             todo.append(task)
             continue
         for record in old:

@@ -8,7 +8,7 @@ optical depth d from a point towards the sun; what the point sends to the eye is
     P = 1 - e^(-2 d)                       in-scattering probability, the "powder" of dark edges  (4.4.4)
     E = 2 e^-d (1 - e^(-2 d))              Beer and powder in one: at most 0.770, at d = 0.549    (4.4.4)
     E = 2 e^(-d p) (1 - e^(-2 d))          rain: the precipitation p >= 1 multiplies d            (4.4.5)
-    d = h sum_{i=1..n} sigma(x + i h l) + 2 r sigma(x + 3 r l),  h = r / n, n = 6, plus one far sample
+    d = h sum_{i=1..n} sigma(x + (i - 1/2) h l),  h = way out of the cloud / n                  (4.4.2)
 
 The view ray is cut in even steps with one sample amid each. Over a step of optical depth a the source is
 taken as constant, L += T albedo E_sun E f (1 - e^-a), T *= e^-a, which solves the transfer equation as the
@@ -22,9 +22,9 @@ In print, and what was done here:
 - The text lets rain increase the density of both factors, the summary only Beer's exponent: `rain_in`.
   Along the view ray it does neither, so that silhouettes stay as they are without rain.
 - The sum of densities is printed without a length; here sigma is an extinction (1/m) and h a length.
-- The length of the light march is not given: `light_reach` is r, by default 0.1 of the clouds' 1 m, as
-  350 m are of a layer of 3.5 km. Nor is the weight of the far sample; it stands for the stretch r .. 3 r
-  that it closes. The samples lie on the line to the sun, not in a cone.
+- How far the march to the sun goes is not given in 4.4: here it leaves the cloud, so that in clouds of one
+  density every number of samples is exact, and what is measured is the model of light alone. The short
+  cone of samples is section 4.5's, another technique.
 - There is no light of the sky.
 """
 
@@ -47,9 +47,9 @@ from approximations.contract import (
 )
 from approximations.kit.phase import henyey_greenstein
 from scenes.cloud import CloudSlab, CloudSphere
-from scenes.contract import RADIANCE, SINGLE_SCATTERING, SOURCE_FUNCTION, Cloud, Scene, View
+from scenes.contract import RADIANCE, SINGLE_SCATTERING, SOURCE_FUNCTION, Scene, View
 
-ONCE_SCATTERED = {"energy": "beer", "phase": "exact", "light": "exact", "steps": 1024}
+ONCE_SCATTERED = {"energy": "beer", "phase": "exact", "steps": 1024}
 
 
 @technique(
@@ -69,19 +69,17 @@ def cloud_source(
     phase: Literal["hg", "printed", "exact"] = "hg",
     g: Annotated[float, Sweep(-0.5, 0.0, 0.2, 0.5, 0.85, low=-0.95, high=0.95)] = 0.2,
     rain_in: Literal["beer", "both"] = "beer",
-    light: Literal["march", "exact"] = "march",
-    light_steps: Annotated[int, Sweep(1, 6, 16, 64, low=1, high=1024)] = 6,
-    light_reach: Annotated[float, Sweep(0.05, 0.1, 0.25, 1.0, low=0.001, high=100)] = 0.1,
+    light_steps: Annotated[int, Sweep(1, 6, 16, low=1, high=1024)] = 6,
 ) -> mi.Color3f:
     """Source function E_sun E f (W m^-2 sr^-1) at the probes: the camera's origins are points in the
     cloud, its directions run from eye to sample. Knobs as in `cloud_light`."""
-    depth = _light_depth(view, view.camera.origin, light, light_steps, light_reach)
+    depth = _light_depth(view, view.camera.origin, light_steps)
     lobe = _lobe(view, phase, g)
     return mi.Color3f(view.sun.irradiance * _energy(depth, view.cloud.precipitation, energy, rain_in) * lobe)
 
 
 @technique(
-    source="GPU Pro 7, II.4, sec. 4.4 and 4.5",
+    source="GPU Pro 7, II.4, sec. 4.4",
     covers=tuple(f"cloudscapes/{i:02d}" for i in range(8, 13)),
     estimates=RADIANCE,
     also=(SINGLE_SCATTERING,),
@@ -102,9 +100,7 @@ def cloud_light(
     phase: Literal["hg", "printed", "exact"] = "hg",
     g: Annotated[float, Sweep(-0.5, 0.0, 0.2, 0.5, 0.85, low=-0.95, high=0.95)] = 0.2,
     rain_in: Literal["beer", "both"] = "beer",
-    light: Literal["march", "exact"] = "march",
-    light_steps: Annotated[int, Sweep(1, 6, 16, 64, low=1, high=1024)] = 6,
-    light_reach: Annotated[float, Sweep(0.05, 0.1, 0.25, 1.0, low=0.001, high=100)] = 0.1,
+    light_steps: Annotated[int, Sweep(1, 6, 16, low=1, high=1024)] = 6,
     steps: Annotated[int, Sweep(16, 64, 128, 512, low=1, high=8192)] = 128,
 ) -> mi.Color3f:
     """Radiance (W m^-2 sr^-1) towards the camera, one colour per pixel, before a black sky.
@@ -114,9 +110,7 @@ def cloud_light(
                  own mean cosine.
     g            mean cosine of the broad lobe.
     rain_in      whether the precipitation multiplies the depth in Beer's factor only or in "both".
-    light        d from a march, or "exact": extinction times the way out, for clouds of one density.
-    light_steps  samples of the march before the far one.
-    light_reach  length of the march r, m; the far sample stands at 3 r.
+    light_steps  samples of the march to the sun.
     steps        samples along the view ray.
     """
     cloud, o, w = view.cloud, view.camera.origin, view.camera.direction
@@ -126,7 +120,7 @@ def cloud_light(
     def march(i, through, gathered):
         x = o + (near + (mi.Float(i) - 0.5) * ds) * w
         a = cloud.extinction(x) * ds
-        depth = _light_depth(view, x, light, light_steps, light_reach)
+        depth = _light_depth(view, x, light_steps)
         lit = _energy(depth, cloud.precipitation, energy, rain_in)
         kept = dr.exp(-a)
         return i + 1, through * kept, gathered + through * (1 - kept) * lit
@@ -147,7 +141,7 @@ def domain(scene: Scene) -> Domain:
     if scene.optical_depth < 4:
         return Domain(False, "a thin veil: the curve takes its light depth for the inside of a cloud")
     if isinstance(scene, CloudSlab) and scene.sun_elevation < 10:
-        return Domain(False, "the light's way through a layer under a low sun is longer than the march")
+        return Domain(False, "under a low sun the light's way through a layer is many times its thickness")
     return Domain(True)
 
 
@@ -165,21 +159,15 @@ def _lobe(view: View, phase: str, g: float) -> mi.Float:
     return lobe * (3.1415 * dr.pi) if phase == "printed" else lobe
 
 
-def _light_depth(view: View, x: mi.Point3f, light: str, steps: int, reach: float) -> mi.Float:
-    """Optical depth from x towards the sun, without rain (4.4.2, 4.5.2)."""
+def _light_depth(view: View, x: mi.Point3f, steps: int) -> mi.Float:
+    """Optical depth from x towards the sun, without rain (4.4.2)."""
     cloud, l = view.cloud, view.sun.direction
-    if light == "exact":
-        _, way_out = cloud.span(x, l)
-        return cloud.extinction(x) * way_out
-    return _marched_depth(cloud, x, l, steps, reach)
-
-
-def _marched_depth(cloud: Cloud, x: mi.Point3f, l: mi.Vector3f, steps: int, reach: float) -> mi.Float:
-    h = reach / steps
+    _, way_out = cloud.span(x, l)
+    h = way_out / steps
 
     def march(i, total):
-        return i + 1, total + cloud.extinction(x + mi.Float(i) * h * l)
+        return i + 1, total + cloud.extinction(x + (mi.Float(i) - 0.5) * h * l)
 
     start = (mi.UInt32(1), dr.zeros(mi.Float, dr.width(x)))
     _, total = dr.while_loop(start, lambda i, total: i <= steps, march)
-    return h * total + 2 * reach * cloud.extinction(x + 3 * reach * l)
+    return h * total
