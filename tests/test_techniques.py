@@ -96,5 +96,5 @@ def test_the_quick_plan_sweeps_every_knob_every_stage_and_every_stressed_field()
                 assert (technique.name, name, f"ladder:{i}") in roles
             for field in technique.stress.get(name, ()):
                 assert (technique.name, name, f"stress:{field}") in roles
-    keys = [t.key("llvm_ad_rgb") for t in tasks]
+    keys = [f"{t.key('llvm_ad_rgb')}-{q}" for t in tasks for q in t.quantities]
     assert len(keys) == len(set(keys))
