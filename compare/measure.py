@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +23,8 @@ def measure(task: Task, folder: Path) -> list[dict]:
 
     Raises BadInput where the technique's output or the scene cannot be measured.
     """
+    import mitsuba
+
     if task.technique == PATH_TRACER:
         return [measure_path_tracer(task, folder)]
     technique = find_technique(task.technique)
@@ -35,7 +36,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
     if technique.bake_function and shown:
         bake = technique.split(task.knobs)[1]
         costs["bake_rays"] = bake_rays(technique, scene, task.size, bake)
-    key = task.key(_variant())
+    key = task.key(mitsuba.variant())
     picture = save_image(folder, f"{key}.exr", image)
     stages = technique.stages()
     ladder = {"exact": [s for s in stages if task.knobs[s] == "exact"], "of": stages}
@@ -57,7 +58,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
             "domain": None if inside is None else {"inside": inside.inside, "reason": inside.reason},
             "truth": about,
             "costs": costs,
-            "findings": findings(image, truth),
+            "findings": findings(image, truth, QUANTITIES[name]),
             "errors": judge(image, truth, QUANTITIES[name], scene.exposure if shown else None),
             "images": {"estimate": picture, "truth": about["image"]},
         }
@@ -101,9 +102,11 @@ def judge(
     return {name: e.plain() for name, e in found.items()}
 
 
-def findings(image: np.ndarray, truth: Truth) -> list[dict]:
-    """Flaws of the image, and light made from nothing where the truth cannot exceed 1."""
+def findings(image: np.ndarray, truth: Truth, quantity: Quantity) -> list[dict]:
+    """Flaws of the image, shares above 1, and truths whose variance rests on one batch."""
     found = metrics.flaws(image)
+    if quantity.kind == "ratio" and np.nanmax(image) > 1 + 1e-6:
+        found.append({"kind": "above 1", "text": f"a share of light reaches {np.nanmax(image):.6g}"})
     heavy = truth.provenance.get("heaviest_tail")
     if heavy and heavy["share_of_one_batch"] > 0.9 and truth.batches >= 16:
         found.append(
@@ -133,7 +136,7 @@ def baked(technique: Technique, scene: Scene, size: int, probes: bool, settings:
     """The result of the offline stage as extra arguments, the last few kept."""
     if technique.bake_function is None:
         return ()
-    key = (technique.name, scene, size, tuple(sorted(settings.items())))
+    key = (technique.bake_function, scene, size, tuple(sorted(settings.items())))
     if key not in _BAKED:
         while len(_BAKED) >= 2:
             _BAKED.pop(next(iter(_BAKED)))
@@ -293,9 +296,3 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
             "truth": about["image"],
         },
     }
-
-
-def _variant() -> str:
-    import mitsuba
-
-    return mitsuba.variant() or os.environ.get("LIGHTPROOF_VARIANT", "")

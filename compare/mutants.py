@@ -161,7 +161,7 @@ def verdicts(mutant: Mutant, technique: str, thresholds: list[Threshold], until_
                 images[label] = evaluate(twin, scene, twin.estimates, settings, t.side)
             truth, _ = obtain(scene, QUANTITIES[t.quantity], t.side)
             record["errors"] = judge(images[label], truth, QUANTITIES[t.quantity], None)
-            record["findings"] = findings(images[label], truth)
+            record["findings"] = findings(images[label], truth, QUANTITIES[t.quantity])
         except Exception as error:
             record |= {"status": "failed", "error": str(error)}
         found.append(judge_one(t, record))

@@ -95,8 +95,8 @@ def camera_rays(sensor: mi.Sensor, size: int) -> Camera:
     ray, _ = sensor.sample_ray(time=0.0, sample1=0.5, sample2=at, sample3=mi.Point2f(0.5))
     forward = sensor.world_transform() @ mi.Vector3f(0, 0, 1)
     return Camera(
-        origin=mi.Point3f(ray.o),
-        direction=mi.Vector3f(ray.d),
+        origin=dr.zeros(mi.Point3f, size * size) + ray.o,
+        direction=dr.zeros(mi.Vector3f, size * size) + ray.d,
         forward=dr.normalize(mi.Vector3f(forward)),
         near=float(sensor.near_clip()),
         far=float(sensor.far_clip()),
