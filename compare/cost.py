@@ -84,6 +84,7 @@ def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = Non
             frames.append(milliseconds(run(frame)))
         peak = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
     counted = counted or work(frame)
+    operations = counted["operations"]
     return {
         "frame_ms": median(frames).plain(),
         "calibration_ms": median(controls).plain(),
@@ -93,7 +94,7 @@ def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = Non
         "compiled_before": all(k.get("cache_hit", 1) for k in first),
         "peak_bytes": int(peak),
         **counted,
-        "operations_per_pixel": counted["operations"] / pixels,
+        "operations_per_pixel": operations and operations / pixels,
     }
 
 

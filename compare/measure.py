@@ -232,13 +232,20 @@ def save_image(folder: Path, name: str, image: np.ndarray) -> str:
     return f"images/{name}"
 
 
+NOT_COUNTED = dict.fromkeys(("operations", "rays", "bytes", "kernels"))
+
+
 @lru_cache(maxsize=16)
 def path_tracer_work(scene: Scene, quantity: Quantity, size: int) -> dict:
-    """Work of one sample per pixel."""
+    """Work of one sample per pixel, an upper bound: paths that have ended are still counted until the
+    longest ends. In media, where that is hundreds of times the mean, nothing is counted."""
     import mitsuba as mi
 
     from reference.render import load_scene
+    from reference.transport import MEDIA, plugin_types
 
+    if plugin_types(scene.mitsuba(size)) & MEDIA:
+        return NOT_COUNTED
     loaded = load_scene(scene, quantity, size)
     return cost.work(lambda: mi.render(loaded, spp=1, seed=0))
 
@@ -265,8 +272,9 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
         images.append(mi.render(loaded, spp=spp, seed=next(seeds)))
         return images[-1]
 
-    counted = {k: v * spp for k, v in path_tracer_work(scene, quantity, task.size).items() if k != "kernels"}
-    costs = cost.frame_cost(frame, task.size**2, counted | {"kernels": None})
+    counted = path_tracer_work(scene, quantity, task.size)
+    counted = {k: None if v is None else v * spp for k, v in counted.items()}
+    costs = cost.frame_cost(frame, task.size**2, counted)
     images = [to_array(image) for image in images]
     per_image = [metrics.errors(image, truth, quantity, None) for image in images]
     errors = {}

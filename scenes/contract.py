@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import importlib
 import math
 import pkgutil
@@ -284,6 +285,7 @@ def scene(
 SCENES: dict[str, type[Scene]] = {}
 
 
+@functools.cache
 def discover(package: types.ModuleType) -> None:
     """Import every module below a package, so that what it declares registers itself."""
     for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
