@@ -130,7 +130,8 @@ def compare(
         tasks = path_tracer_tasks(scene, fields, knobs, profile, size, seed)
     else:
         tasks = technique_tasks(select(names, theme), profile, scene, fields, knobs, size, seed, only)
-    folder = folder or Path("runs") / profile
+    narrowed = fields or knobs or size or only or seed != 1
+    folder = folder or Path("runs") / (f"{profile}-asked" if narrowed else profile)
     run.open_run(folder, {"profile": profile, "variant": variant, "command": command_line()})
     with progress() as bar:
         line = bar.add_task("starting", total=None)
