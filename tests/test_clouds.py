@@ -337,9 +337,8 @@ def test_side_lit_ball_is_the_anchor_table(depth, energy, values):
     """(checked) Towards the lit limb Beer brightens; the truth and Beer-powder darken."""
     view = CloudSphere(optical_depth=depth).view(2)
     origin = mi.Point3f(mi.Float([-0.98, -0.9, -0.7, -0.4, 0.0, 0.4]), -3, 0)
-    view = dataclasses.replace(
-        view, width=6, height=1, camera=dataclasses.replace(view.camera, origin=origin)
-    )
+    camera = dataclasses.replace(view.camera, origin=origin, direction=mi.Vector3f(0, 1, 0))
+    view = dataclasses.replace(view, width=6, height=1, camera=camera)
     lit = FOUR_PI * image(cloud_light, view, energy=energy, steps=4096)[0]
     assert np.allclose(lit, values, atol=0.011)
 
