@@ -21,7 +21,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from compare import worker
 from compare.task import PATH_TRACER, Task
-from reference.store import CannotWrite
+from reference.store import CannotWrite, sweep
 from reference.truth import has_closed_form
 from scenes.contract import QUANTITIES, BadInput, find_scene
 
@@ -34,6 +34,8 @@ def open_run(folder: Path, about: dict) -> None:
     """Make the folder and note what makes the run. Raises BadInput where nothing can be written."""
     try:
         (folder / "images").mkdir(parents=True, exist_ok=True)
+        sweep(folder)
+        sweep(folder / "images")
         partial = folder / f".run.json.{os.getpid()}"
         partial.write_text(json.dumps(about | machine(), indent=1) + "\n")
         partial.replace(folder / "run.json")

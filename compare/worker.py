@@ -21,11 +21,13 @@ MEMORY_SHARE = 0.8
 def start(device: str, plugins: tuple[str, ...]) -> None:
     """Prepare the process: memory limit, variant, every scene and technique, plugins."""
     from approximations.contract import all_techniques, load_plugin
+    from reference.store import sweep, user_store
     from reference.toolchain import use_device
 
     threading.Thread(target=end_with_parent, daemon=True).start()
     if use_device(device).startswith("llvm"):
         limit_memory()
+    sweep(user_store())
     all_scenes()
     all_techniques()
     for path in plugins:

@@ -231,6 +231,17 @@ def write_exr(path: Path, header: dict, channels: dict[str, np.ndarray]) -> None
         ) from error
 
 
+def sweep(folder: Path) -> None:
+    """Remove the part-written files of processes that were killed while they wrote to a folder."""
+    for partial in folder.glob(".*.*"):
+        try:
+            os.kill(int(partial.suffix[1:]), 0)
+        except ProcessLookupError:
+            partial.unlink(missing_ok=True)
+        except (ValueError, PermissionError):
+            continue
+
+
 def read_exr(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
     """Header and channels of an EXR file. Raises DamagedTruth where it is not a whole EXR file."""
     import OpenEXR

@@ -118,6 +118,19 @@ def test_nothing_half_written_is_left_when_the_disk_is_full(truth, tmp_path, mon
     assert not list(tmp_path.iterdir())
 
 
+def test_what_a_killed_writer_left_is_swept_and_a_living_one_left_alone(tmp_path):
+    child = multiprocessing.get_context("fork").Process(target=int)
+    child.start()
+    child.join()
+    dead, living, whole = (
+        tmp_path / name for name in (f".t.exr.{child.pid}", f".t.exr.{os.getpid()}", "t.exr")
+    )
+    for path in (dead, living, whole):
+        path.write_text("x")
+    store.sweep(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted([living, whole])
+
+
 def write(path):
     rng = np.random.default_rng(os.getpid())
     truth = render.from_batches(rng.normal(1, 0.1, size=(16, 64, 64, 3)))
