@@ -1,9 +1,8 @@
 """The one instrument of cost, for techniques and for the path tracer: Dr.Jit's kernel history.
 
-Time is the summed execution time of a frame's kernels, so that tracing and waiting do not count and
-freezing would change nothing. It is taken in turn with a fixed calibration kernel. Work comes from a
-separate pass with loops evaluated turn by turn, since the static operation count sees a loop's body
-once whatever its trip count.
+Time is the summed execution time of a frame's kernels, so that neither tracing nor waiting counts. It is
+taken in turn with a fixed calibration kernel. Work comes from a separate pass with loops evaluated turn by
+turn, since the static operation count sees a loop's body once whatever its trip count.
 """
 
 from __future__ import annotations

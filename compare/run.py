@@ -95,19 +95,19 @@ def pending(tasks: list[Task], known: list[dict], variant: str) -> tuple[list[Ta
     """Tasks still to be measured, and old records whose roles have grown. A setting that becomes the
     default is measured again, since only those have FLIP."""
     done = {r["key"]: r for r in known if r["status"] == "ok"}
-    todo, grown = [], []
+    missing, grown = [], []
     for task in tasks:
         key = task.key(variant)
         old = [done.get(f"{key}-{q}") for q in task.quantities]
         shown = "default" in task.roles and not all(r and "default" in r["roles"] for r in old)
         if shown or not all(old):
-            todo.append(task)
+            missing.append(task)
             continue
         for record in old:
             roles = list(dict.fromkeys([*record["roles"], *task.roles]))
             if roles != record["roles"]:
                 grown.append(record | {"roles": roles})
-    return todo, grown
+    return missing, grown
 
 
 def execute(
@@ -126,9 +126,9 @@ def execute(
     import mitsuba
 
     known = records(folder) if (folder / LINES).is_file() else []
-    todo, grown = pending(tasks, known, mitsuba.variant())
+    missing, grown = pending(tasks, known, mitsuba.variant())
     append(folder, grown)
-    if not todo:
+    if not missing:
         return
     truths = {
         json.dumps([t.scene, t.make_scene().fields(), q, t.size], sort_keys=True): (
@@ -137,11 +137,11 @@ def execute(
             q,
             t.size,
         )
-        for t in todo
+        for t in missing
         for q in t.quantities
         if not has_closed_form(find_scene(t.scene), QUANTITIES[q])
     }
-    total = len(truths) + len(todo)
+    total = len(truths) + len(missing)
     with ProcessPool(
         max_workers=1,
         context=multiprocessing.get_context("spawn"),
@@ -158,7 +158,7 @@ def execute(
                         warn(message)
                     if answer["status"] == "cannot write":
                         raise CannotWrite(answer["error"])
-            for i, task in enumerate(todo):
+            for i, task in enumerate(missing):
                 report(f"{task.technique} on {task.scene}", len(truths) + i, total)
                 found = outcome(pool, task, folder)
                 if found[0]["status"] == "cannot write":

@@ -91,7 +91,10 @@ def cloud_source(
         exact_when("CloudSlab", 0.002, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
         exact_when("CloudSphere", 0.002, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
     ),
-    stress={"CloudSphere": ("sun_angle", "optical_depth"), "CloudSlab": ("optical_depth", "sun_elevation")},
+    stress={
+        "CloudSphere": ("sun_angle", "optical_depth", "precipitation"),
+        "CloudSlab": ("optical_depth", "sun_elevation"),
+    },
 )
 def cloud_light(
     view: View,
