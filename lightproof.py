@@ -6,31 +6,38 @@ input, 3 could not be judged, 4 interrupted or out of resources (run again to re
 
 from __future__ import annotations
 
-import json
+import math
+import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
-from scenes.contract import QUANTITIES, BadInput, parse_text, unknown
+from reports.terminal import out, progress, say, show
+from scenes.contract import QUANTITIES, BadInput, unknown
+
+if TYPE_CHECKING:
+    from reference.store import Demand
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__, pretty_exceptions_enable=False)
 reference_app = typer.Typer(no_args_is_help=True, help="The store of truths.")
 scenes_app = typer.Typer(no_args_is_help=True, help="Scenes as files.")
+bench_app = typer.Typer(no_args_is_help=True, help="What our settings are worth, as ratios in one run.")
 app.add_typer(reference_app, name="reference")
 app.add_typer(scenes_app, name="scenes")
-out = Console(width=None if sys.stdout.isatty() else 200)
-err = Console(stderr=True)
+app.add_typer(bench_app, name="bench")
 
 Json = Annotated[bool, typer.Option("--json", help="print JSON instead of a table")]
 Device = Annotated[str, typer.Option(help="auto, cpu or gpu")]
 Plugins = Annotated[list[Path] | None, typer.Option("--plugin", help="a Python file with more techniques")]
 Sets = Annotated[list[str] | None, typer.Option("--set", help="field=value of the scene")]
 RunFolder = Annotated[Path, typer.Argument(help="folder of a run")]
+Resolution = Annotated[
+    float | None, typer.Option(help="least relative rmse that the truth must tell from none, such as 0.001")
+]
+Batches = Annotated[int | None, typer.Option(help="batches that a truth may grow to")]
+Seconds = Annotated[float | None, typer.Option(help="seconds that a truth may grow")]
 
 
 @app.command("list")
@@ -41,63 +48,12 @@ def list_command(
 ) -> None:
     """What there is: techniques, scenes, or the sections of sources that are covered."""
     prepare("cpu", plugin)
+    from compare.listing import list_scenes, list_sources, list_techniques
+
     tables = {"techniques": list_techniques, "scenes": list_scenes, "sources": list_sources}
     if what not in tables:
         raise unknown("list", what, tables)
     show(tables[what](), as_json)
-
-
-def list_techniques() -> list[dict]:
-    """One row per technique."""
-    from approximations.contract import all_techniques
-
-    return [
-        {
-            "name": t.name,
-            "theme": t.theme,
-            "estimates": t.estimates.name,
-            "scenes": [s.__name__ for s in t.on],
-            "knobs": {k: default for k, (_, default) in t.knobs().items()},
-            "source": t.source,
-        }
-        for t in all_techniques().values()
-    ]
-
-
-def list_scenes() -> list[dict]:
-    """One row per scene."""
-    from scenes.contract import all_scenes
-
-    return [
-        {
-            "name": name,
-            "theme": s.theme,
-            "shows": s.shows,
-            "quantities": [q.name for q in s.quantities],
-            "fields": {
-                k: {"default": getattr(s(), k)}
-                | ({"low": a.low, "high": a.high, "unit": a.unit} if (a := s.axes().get(k)) else {})
-                for k in s.field_types()
-            },
-        }
-        for name, s in all_scenes().items()
-    ]
-
-
-def list_sources() -> list[dict]:
-    """One row per catalog id that a technique covers."""
-    from approximations.contract import all_techniques
-    from compare.gate import load_thresholds
-
-    thresholds = load_thresholds()
-    found: dict[str, dict] = {}
-    for t in all_techniques().values():
-        for section in t.covers:
-            row = found.setdefault(section, {"id": section, "techniques": [], "scenes": [], "thresholds": 0})
-            row["techniques"].append(t.name)
-            row["scenes"] = sorted({*row["scenes"], *(s.__name__ for s in t.on)})
-            row["thresholds"] += sum(th.technique == t.name for th in thresholds)
-    return [found[k] for k in sorted(found)]
 
 
 @app.command()
@@ -114,23 +70,39 @@ def compare(
     size: Annotated[int | None, typer.Option(min=8, max=4096, help="pixels along a side")] = None,
     seed: Annotated[int, typer.Option(min=1, max=10**6)] = 1,
     only: Annotated[bool, typer.Option("--only", help="this setting alone, without sweeps")] = False,
+    resolution: Resolution = None,
+    truth_batches: Batches = None,
+    truth_seconds: Seconds = None,
     page: Annotated[bool, typer.Option("--report/--no-report", help="write the page as well")] = True,
     as_json: Json = False,
 ) -> None:
     """Measure techniques against the truth; run again to resume. Prints a table and writes the page."""
     from compare import run
+    from compare.selection import pairs, path_tracer_tasks, select, technique_tasks
     from compare.summary import overview
     from compare.task import PROFILES
+    from reference.store import ENOUGH
 
     if profile not in PROFILES:
         raise unknown("profile", profile, PROFILES)
     variant = prepare(device, plugin)
     fields, knobs = pairs(settings, "--set"), pairs(knob, "--knob")
+    demand = demanded(resolution, None, truth_batches, truth_seconds)
     if names == ["path_tracer"]:
-        tasks = path_tracer_tasks(scene, fields, knobs, profile, size, seed)
+        tasks = path_tracer_tasks(scene, fields, knobs, profile, size, seed, demand)
     else:
-        tasks = technique_tasks(select(names, theme), profile, scene, fields, knobs, size, seed, only)
-    narrowed = fields or knobs or size or only or seed != 1
+        tasks = technique_tasks(
+            select(names, theme),
+            profile,
+            scene=scene,
+            fields=fields,
+            knobs=knobs,
+            size=size,
+            seed=seed,
+            only=only,
+            demand=demand,
+        )
+    narrowed = fields or knobs or size or only or seed != 1 or demand != ENOUGH
     folder = folder or Path("runs") / (f"{profile}-asked" if narrowed else profile)
     run.open_run(folder, {"profile": profile, "variant": variant, "command": command_line()})
     with progress() as bar:
@@ -141,7 +113,7 @@ def compare(
             device,
             tuple(str(p.resolve()) for p in plugin or ()),
             lambda what, done, total: bar.update(line, description=what, completed=done, total=total),
-            lambda message: err.print(f"lightproof: {message}", markup=False, highlight=False),
+            say,
         )
     keys = {f"{t.key(variant)}-{q}" for t in tasks for q in t.quantities}
     measured = [r for r in run.records(folder) if r["key"] in keys]
@@ -152,15 +124,10 @@ def compare(
     if page:
         from reports.build import build
 
-        err.print(f"report: {build(folder)}", highlight=False, soft_wrap=True)
+        say(f"report: {build(folder)}")
     broken = [r for r in measured if r["status"] != "ok"]
     for r in broken:
-        err.print(
-            f"lightproof: {r['technique']} on {r['scene']} {r['quantity']} {r['status']}: {r['error']}",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        say(f"{r['technique']} on {r['scene']} {r['quantity']} {r['status']}: {r['error']}")
     if broken:
         raise typer.Exit(2 if any(r["status"] == "failed" for r in broken) else 4)
 
@@ -252,94 +219,181 @@ def doctor(as_json: Json = False) -> None:
 
 @reference_app.command("list")
 def reference_list(as_json: Json = False) -> None:
-    """Every stored truth with its resolution."""
-    from compare.images import provenance
-    from reference.store import SHIPPED, user_store
+    """Every stored truth: its state, noise, size, and who is held against it."""
+    prepare("cpu", None)
+    from compare.inventory import inventory
 
-    rows = []
-    for folder in (user_store(), SHIPPED):
-        for path in sorted(folder.glob("*.exr")):
-            row = {"file": path.name, "where": "shipped" if folder == SHIPPED else "store"}
-            try:
-                about = provenance(path)
-            except BadInput as damage:
-                rows.append(row | {"state": str(damage)})
-                continue
-            rows.append(
-                row
-                | {
-                    "state": "good",
-                    "samples": about["spp"],
-                    "relative standard error": about["relative_standard_error"],
-                    "KiB": round(path.stat().st_size / 1024, 1),
-                }
-            )
-    show(rows, as_json)
+    show(inventory(), as_json)
 
 
 @reference_app.command("show")
 def reference_show(file: Path, as_json: Json = False) -> None:
-    """How a stored truth was made; its pixels are checked against their digest."""
+    """How a stored truth was made, its noise and size, and who uses it; its pixels are checked."""
     from compare.images import provenance
+
+    about = provenance(file)
+    prepare("cpu", None)
+    from compare.inventory import entry
     from reference.store import load
 
     load(file)
-    about = provenance(file)
-    show(about if as_json else [{"what": k, "value": str(v)} for k, v in about.items()], as_json)
+    about = entry(file) | about
+    show(about if as_json else [{"what": k, "value": v} for k, v in about.items()], as_json)
 
 
 @reference_app.command("render")
 def reference_render(
     names: Annotated[list[str] | None, typer.Argument(help="scenes, or a Mitsuba XML file")] = None,
     profile: Annotated[str, typer.Option(help="quick or full")] = "quick",
+    settings: Sets = None,
+    size: Annotated[int | None, typer.Option(min=8, max=4096, help="pixels along a side")] = None,
+    quantity: Annotated[str | None, typer.Option(help="only this quantity")] = None,
+    resolution: Resolution = None,
+    tile: Annotated[int | None, typer.Option(min=1, help="in the worst tile of so many pixels")] = None,
+    batches: Batches = None,
+    seconds: Seconds = None,
+    again: Annotated[bool, typer.Option("--again", help="anew, whatever is stored")] = False,
+    seed: Annotated[int, typer.Option(min=1, max=10**6)] = 1,
     device: Device = "auto",
     plugin: Plugins = None,
-    target: Annotated[Path | None, typer.Option("--out", help="EXR file for a Mitsuba scene file")] = None,
+    target: Annotated[Path | None, typer.Option("--out", help="another store, or the EXR of a file")] = None,
     spp: Annotated[int, typer.Option(min=1, help="samples per batch, for a scene file")] = 64,
+    as_json: Json = False,
 ) -> None:
-    """Render the truths that a profile needs and the store lacks; or one Mitsuba scene file."""
-    import os
-
-    from compare.task import PROFILES
-    from compare.worker import prepare_truth
-
+    """Render the truths that a profile needs, or those of scenes at one setting, until each has the
+    resolution asked for; what is stored is continued. Or render one Mitsuba scene file."""
     prepare(device, plugin)
-    files = [n for n in names or [] if n.endswith(".xml")]
-    if files:
-        from reference.render import render_file
-        from reference.store import save
+    from compare.selection import named_questions, pairs, profile_questions
+    from reference import store
 
-        if len(files) > 1 or target is None:
+    if any(n.endswith(".xml") for n in names or []):
+        from reference.render import render_file
+
+        if len(names) > 1 or target is None:
             raise BadInput(
                 "give one scene file and the EXR to write: reference render FILE.xml --out OUT.exr"
             )
-        save(target, render_file(Path(files[0]), spp), "scene-file")
+        store.save(target, render_file(Path(names[0]), spp), "scene-file")
         out.print(str(target))
         return
-    from reference.truth import has_closed_form
-    from scenes.contract import find_scene
-
-    wanted = {find_scene(n).__name__ for n in names or []}
-    if profile not in PROFILES:
-        raise unknown("profile", profile, PROFILES)
     if target is not None:
         os.environ["LIGHTPROOF_STORE"] = str(target)
-    questions = {
-        json.dumps([t.scene, t.make_scene().fields(), q, t.size]): (t.scene, t.fields, q, t.size)
-        for t in technique_tasks(select(None, None), profile, None, {}, {}, None, 1, False)
-        for q in t.quantities
-        if (not wanted or t.scene in wanted) and not has_closed_form(find_scene(t.scene), QUANTITIES[q])
-    }
+    if quantity is not None and quantity not in QUANTITIES:
+        raise unknown("quantity", quantity, QUANTITIES)
+    fields = pairs(settings, "--set")
+    if fields or size or quantity:
+        questions = named_questions(names or [], fields, size or 128, quantity)
+    else:
+        questions = profile_questions(names or [], profile)
+    demand, rows = demanded(resolution, tile, batches, seconds), []
     with progress() as bar:
-        line = bar.add_task("starting", total=len(questions))
-        for question in questions.values():
-            bar.update(line, description=f"{question[0]} {question[2]} {question[3]}")
-            answer = prepare_truth(*question)
-            for message in answer["warnings"]:
-                err.print(f"lightproof: {message}", markup=False)
-            if answer["status"] != "ok":
-                raise BadInput(answer["error"])
-            bar.advance(line)
+        line = bar.add_task("starting", total=None)
+        for i, (scene, q, side) in enumerate(questions):
+            label = f"{i + 1}/{len(questions)} {type(scene).__name__} {q.name} {side}"
+            bar.update(line, description=label, completed=0, total=None)
+            truth, _ = store.obtain(
+                scene,
+                q,
+                side,
+                demand=demand,
+                seed=seed,
+                again=again,
+                warn=say,
+                progress=lambda done, total: bar.update(line, completed=done, total=total),
+            )
+            rows.append(
+                {"scene": type(scene).__name__, "quantity": q.name, "size": side, "batches": truth.batches}
+                | {"pixel noise": truth.pixel_noise, "resolution": truth.resolution(demand.tile)}
+                | {"demand": demand.verdict(truth)}
+            )
+    show(rows, as_json)
+    short = [r for r in rows if resolution is not None and r["demand"] != "reached"]
+    for r in short:
+        say(
+            f"{r['scene']} {r['quantity']} {r['size']}: resolution {demand.resolution:g} was asked, "
+            f"{r['resolution']:.3g} is reached with {r['batches']} batches ({r['demand']}): "
+            "allow more --batches or --seconds, or ask for less"
+        )
+    if short:
+        raise typer.Exit(4)
+
+
+@reference_app.command("verify")
+def reference_verify(
+    names: Annotated[list[str] | None, typer.Argument(help="scenes, files, kinds, checks; else all")] = None,
+    seed: Annotated[int, typer.Option(min=1, max=10**6)] = 1,
+    again: Annotated[bool, typer.Option("--again", help="also what is proved already")] = False,
+    folder: Annotated[Path, typer.Option("--out", help="folder of the run to show it")] = Path("runs/quick"),
+    device: Device = "auto",
+    as_json: Json = False,
+) -> None:
+    """Prove the stored truths: rendered again, by a second route, by laws of physics, by published data."""
+    prepare(device, None)
+    from compare.run import LINES
+    from reference.verify import run as verification
+
+    with progress() as bar:
+        line = bar.add_task("starting", total=None)
+        rows = verification.verify(
+            names or [],
+            folder,
+            seed,
+            again,
+            lambda what, done, total: bar.update(line, description=what, completed=done, total=total),
+        )
+    if as_json:
+        show(rows, True)
+    else:
+        shown = [r for r in rows if names or r["verdict"] != "agrees"]
+        show([verification.brief(r) for r in shown], False) if shown else None
+        show(verification.totals(rows), False)
+    if (folder / LINES).is_file():
+        from reports.build import build
+
+        say(f"report: {build(folder)}")
+    raise typer.Exit(verification.exit_code(rows))
+
+
+@reference_app.command("prune")
+def reference_prune(
+    unused: Annotated[bool, typer.Option("--unused", help="also what no profile asks for")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="only say what would go")] = False,
+    as_json: Json = False,
+) -> None:
+    """Remove from the user's store what cannot be used: damaged files, those of other code, doubles."""
+    prepare("cpu", None)
+    from compare.inventory import prune
+
+    show(prune(unused, dry_run), as_json)
+
+
+@bench_app.command("reference")
+def bench_reference(
+    names: Annotated[list[str] | None, typer.Argument(help="scenes; all where none is named")] = None,
+    size: Annotated[int, typer.Option(min=8, max=1024, help="pixels along a side")] = 64,
+    rounds: Annotated[int, typer.Option(min=4, max=1000, help="batches of each setting")] = 12,
+    device: Device = "auto",
+    as_json: Json = False,
+) -> None:
+    """Efficiency = 1 / (variance x time) of the reference against stock `mi.render`, and peak memory."""
+    prepare(device, None)
+    from reference import bench
+
+    scenes = bench.scenes_to_measure(names or [])
+    with progress() as bar:
+        line = bar.add_task("memory", total=len(scenes) * rounds)
+        memory = bench.memory()
+        rows = []
+        for scene in scenes:
+            bar.update(line, description=type(scene).__name__)
+            rows.append(bench.measure(scene, size, rounds, lambda: bar.advance(line)))
+    whole = bench.summary(rows)
+    if as_json:
+        show({"rows": rows, "summary": whole, "memory": memory}, True)
+    else:
+        show([bench.brief(r) for r in rows], False)
+        out.print(bench.sentence(whole), bench.memory_sentence(memory), sep="\n", highlight=False)
+    raise typer.Exit({"pass": 0, "fail": 1, "not judged": 3}[whole["verdict"]])
 
 
 @scenes_app.command("export")
@@ -348,6 +402,7 @@ def scenes_export(
 ) -> None:
     """Write a scene as Mitsuba XML (and grids) that Mitsuba itself renders to the same image."""
     prepare("cpu", None)
+    from compare.selection import pairs
     from reference.transport import integrator
     from scenes.contract import make_scene
     from scenes.export import export
@@ -372,114 +427,16 @@ def prepare(device: str, plugins: list[Path] | None) -> str:
     return variant
 
 
-def select(names: list[str] | None, theme: str | None) -> list:
-    """The techniques named, of a theme, or all. Raises BadInput for unknown ones."""
-    from approximations.contract import all_techniques, find_technique
+def demanded(
+    resolution: float | None, tile: int | None, batches: int | None, seconds: float | None
+) -> Demand:
+    """What the options ask of a truth; a budget without a resolution is spent whole."""
+    from reference.store import ENOUGH, Demand
 
-    chosen = [find_technique(n) for n in names] if names else list(all_techniques().values())
-    if theme is None:
-        return chosen
-    themes = {t.theme for t in all_techniques().values()}
-    if theme not in themes:
-        raise unknown("theme", theme, themes)
-    return [t for t in chosen if t.theme == theme]
-
-
-def technique_tasks(
-    techniques: list,
-    profile: str,
-    scene: str | None,
-    fields: dict,
-    knobs: dict,
-    size: int | None,
-    seed: int,
-    only: bool,
-) -> list:
-    """The plan of a selection, and what the thresholds of these techniques ask for unless the selection
-    is narrowed."""
-    from compare import gate
-    from compare.task import PROFILES, merge, plan
-
-    tasks = plan(
-        techniques,
-        PROFILES[profile],
-        scene=scene,
-        fields=fields,
-        knobs=knobs,
-        size=size,
-        seed=seed,
-        only=only,
-    )
-    if profile == "quick" and not (scene or fields or knobs or size or only):
-        tasks = merge([*tasks, *gate.tasks(gate.load_thresholds(), techniques, seed)])
-    return tasks
-
-
-def path_tracer_tasks(
-    scene: str | None, fields: dict, knobs: dict, profile: str, size: int | None, seed: int
-) -> list:
-    """The path tracer alone on one scene, at --knob spp=N."""
-    from compare.task import PATH_TRACER, PROFILES, Task
-    from scenes.contract import find_scene
-
-    if scene is None or set(knobs) != {"spp"} or not isinstance(knobs["spp"], int) or knobs["spp"] < 1:
-        raise BadInput("path_tracer needs --scene NAME and --knob spp=N with a whole N of 1 or more")
-    cls = find_scene(scene)
-    names = [q.name for q in cls.quantities if not q.probes and q.kind == "radiance"]
-    side = size or PROFILES[profile].size
-    return [
-        Task(PATH_TRACER, cls.__name__, side, fields, knobs, (q,), ("path tracer",), seed, 600) for q in names
-    ]
-
-
-def pairs(texts: list[str] | None, option: str) -> dict[str, Any]:
-    """name=value texts as a dictionary. Raises BadInput for any other form."""
-    found = {}
-    for text in texts or []:
-        name, equals, value = text.partition("=")
-        if not equals or not name:
-            raise BadInput(f"{option} {text!r}: write name=value")
-        found[name] = parse_text(value)
-    return found
-
-
-def show(rows: Any, as_json: bool) -> None:
-    """Print rows as JSON or as a table."""
-    if as_json:
-        print(json.dumps(rows, indent=1, default=str))
-        return
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    widest = max(rows, key=len, default={})
-    names = list(dict.fromkeys([*widest, *(name for row in rows for name in row)]))
-    for name in names:
-        table.add_column(name, overflow="fold")
-    for row in rows:
-        table.add_row(*(cell(row.get(name)) for name in names))
-    out.print(table, markup=False) if rows else out.print("nothing to show")
-
-
-def cell(value: Any) -> str:
-    """A value for a table."""
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{k}={cell(v)}" for k, v in value.items())
-    if isinstance(value, list):
-        return ", ".join(map(cell, value))
-    return "" if value is None else str(value)
-
-
-def progress() -> Progress:
-    """A progress bar on the error stream, where that is a terminal."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=err,
-        transient=True,
-        disable=not err.is_terminal,
-    )
+    if resolution is batches is seconds is None:
+        return ENOUGH
+    asked = 0.0 if resolution is None else resolution
+    return Demand(asked, tile, batches or (10**6 if resolution is None else 1024), seconds or math.inf)
 
 
 def command_line() -> str:
@@ -496,13 +453,13 @@ def main() -> None:
         if code == 130:  # what typer makes of an interrupt
             raise KeyboardInterrupt
     except BadInput as error:
-        err.print(f"lightproof: {error}", markup=False, highlight=False, soft_wrap=True)
+        say(str(error))
         code = 4 if getattr(error, "full", False) else 2
     except ClickException as error:
-        err.print(f"lightproof: {error.format_message()}", markup=False, highlight=False, soft_wrap=True)
+        say(error.format_message())
         code = 2
     except (KeyboardInterrupt, typer.Abort):
-        err.print("lightproof: interrupted; run the same command again to resume", highlight=False)
+        say("interrupted; run the same command again to resume")
         code = 4
     sys.exit(code if isinstance(code, int) else 0)
 

@@ -22,11 +22,11 @@ from typing import Any
 from approximations import contract
 from approximations.contract import Technique
 from compare.metrics import MEANS
-from compare.task import PROFILES, ROOT, Task, quantities_on
+from compare.task import PROFILES, ROOT, SPECTRUM, Task, find_measured, quantities_on
 from scenes.contract import QUANTITIES, BadInput, find_scene, make_scene, unknown
 
 THRESHOLDS = ROOT / "thresholds.toml"
-ASSUMPTIONS = {a.name: a for a in vars(contract).values() if isinstance(a, contract.Assumption)}
+ASSUMPTIONS = {a.name: a for a in (*vars(contract).values(), SPECTRUM) if isinstance(a, contract.Assumption)}
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Threshold:
     def side(self) -> int:
         """Pixels along a side: those of the quick profile unless another size is named."""
         full = PROFILES["quick"].size
-        return self.size or (full // 2 if contract.find_technique(self.technique).estimates.probes else full)
+        return self.size or (full // 2 if find_measured(self.technique).estimates.probes else full)
 
     def label(self) -> str:
         """One line that names it."""
@@ -57,14 +57,28 @@ class Threshold:
             f" ({changed})" if changed else ""
         )
 
+    def asks(self, task: Task, quantity: str) -> bool:
+        """Whether a task is the measurement that this threshold is about."""
+        return (task.technique, task.scene, quantity, task.size) == (
+            self.technique,
+            self.scene,
+            self.quantity,
+            self.side,
+        ) and self.fits_settings(task.knobs, task.make_scene().fields())
+
+    def fits_settings(self, knobs: dict, fields: dict) -> bool:
+        """Whether knobs and fields are those of this threshold."""
+        return (
+            knobs == find_measured(self.technique).settings(self.knobs)
+            and fields == make_scene(self.scene, self.fields).fields()
+        )
+
     def fits(self, record: dict) -> bool:
         """Whether a record is the measurement that this threshold is about."""
         return (
             (record["technique"], record["scene"], record["quantity"], record["size"])
             == (self.technique, self.scene, self.quantity, self.side)
-            and record["knobs"] == contract.find_technique(self.technique).settings(self.knobs)
-            and record["fields"] == make_scene(self.scene, self.fields).fields()
-        )
+        ) and self.fits_settings(record["knobs"], record["fields"])
 
 
 @dataclass(frozen=True)
@@ -105,7 +119,7 @@ def load_thresholds(path: Path = THRESHOLDS) -> list[Threshold]:
             raise unknown("quantity", threshold.quantity, QUANTITIES)
         if math.isinf(threshold.at_most) and math.isinf(threshold.at_least):
             raise BadInput(f"{path}: {threshold.label()} has neither at_most nor at_least: give a bound")
-        technique = contract.find_technique(threshold.technique)
+        technique = find_measured(threshold.technique)
         technique.settings(threshold.knobs)
         if threshold.quantity not in quantities_on(technique, find_scene(threshold.scene)):
             raise BadInput(f"{path}: {threshold.label()}: the technique is not held against that truth")
@@ -122,7 +136,7 @@ def tasks(thresholds: list[Threshold], techniques: list[Technique], seed: int = 
             t.scene,
             t.side,
             t.fields,
-            contract.find_technique(t.technique).settings(t.knobs),
+            find_measured(t.technique).settings(t.knobs),
             (t.quantity,),
             ("threshold",),
             seed,

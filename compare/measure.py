@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import time
 from functools import lru_cache
@@ -10,12 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from approximations.contract import Technique, find_technique
-from compare import cost, metrics, statistics
-from compare.task import PATH_TRACER, Task, fine_size
+from approximations.contract import Technique
+from compare import cost, metrics, statistics, stochastic
+from compare.gate import Threshold, load_thresholds
+from compare.statistics import Estimate
+from compare.task import PATH_TRACER, RGB_RENDERING, Task, find_measured, fine_size
 from reference import store
+from reference.store import ENOUGH, Demand
+from reference.toolchain import other_variant
 from reference.truth import Truth, box_filter
 from scenes.contract import QUANTITIES, BadInput, Quantity, Scene, View
+
+NARROW = 0.1
+NEGLIGIBLE = 1e-3
+SETTLED = {"default", "threshold"}
+"""Roles whose figures are shown or judged."""
 
 
 def measure(task: Task, folder: Path) -> list[dict]:
@@ -27,12 +38,19 @@ def measure(task: Task, folder: Path) -> list[dict]:
 
     if task.technique == PATH_TRACER:
         return [measure_path_tracer(task, folder)]
-    technique = find_technique(task.technique)
+    technique = find_measured(task.technique)
     scene = task.make_scene()
     quantity = technique.estimates
-    image = evaluate(technique, scene, quantity, task.knobs, task.size)
     shown = "default" in task.roles
-    costs = technique_cost(technique, scene, quantity, task.knobs, task.size)
+    if task.technique == RGB_RENDERING:
+        from compare.colour import SHOWN_NOISE, sampled
+
+        noise = SHOWN_NOISE if SETTLED & set(task.roles) else math.inf
+        estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise)
+        image = estimate.mean
+    else:
+        estimate, image = None, evaluate(technique, scene, quantity, task.knobs, task.size)
+        costs = technique_cost(technique, scene, quantity, task.knobs, task.size)
     if technique.bake_function and shown:
         bake = technique.split(task.knobs)[1]
         costs["bake_rays"] = bake_rays(technique, scene, task.size, bake)
@@ -44,7 +62,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
     records = []
     for name in task.quantities:
         record = header(task, key, QUANTITIES[name])
-        truth, about = find_truth(scene, QUANTITIES[name], task.size, folder)
+        truth, about = settled_truth(task, image, QUANTITIES[name], folder, estimate)
         record |= {
             "kind": "technique",
             "theme": technique.theme,
@@ -53,15 +71,17 @@ def measure(task: Task, folder: Path) -> list[dict]:
             "source": technique.source,
             "replaces": technique.replaces,
             "neglects": [a.name for a in technique.neglects],
-            "stochastic": False,
+            "stochastic": estimate is not None,
             "ladder": ladder,
             "domain": None if inside is None else {"inside": inside.inside, "reason": inside.reason},
             "truth": about,
             "costs": costs,
             "findings": findings(image, truth, QUANTITIES[name]),
-            "errors": judge(image, truth, QUANTITIES[name], scene.exposure if shown else None),
+            "errors": judge(image, truth, QUANTITIES[name], scene.exposure if shown else None, estimate),
             "images": {"estimate": picture, "truth": about["image"]},
         }
+        if estimate is not None:
+            record["noise"] = stochastic.noise(estimate, truth)
         records.append(record)
     return records
 
@@ -91,29 +111,49 @@ def header(task: Task, key: str, quantity: Quantity) -> dict:
     }
 
 
+def errors_of(
+    image: np.ndarray,
+    truth: Truth,
+    quantity: Quantity,
+    exposure: tuple[float, float] | None,
+    estimate: Truth | None = None,
+) -> dict[str, Estimate]:
+    """All metrics, FLIP where an exposure is given (it costs a hundred times the others). estimate: the image
+    with its own noise, which is then taken out of the figures."""
+    if estimate is None:
+        return metrics.errors(image, truth, quantity, exposure)
+    return stochastic.errors(estimate, truth, quantity, exposure)
+
+
 def judge(
-    image: np.ndarray, truth: Truth, quantity: Quantity, exposure: tuple[float, float] | None
+    image: np.ndarray,
+    truth: Truth,
+    quantity: Quantity,
+    exposure: tuple[float, float] | None,
+    estimate: Truth | None = None,
 ) -> dict | None:
-    """All metrics as plain data, FLIP where an exposure is given (it costs a hundred times the others);
-    None where the image holds values that are not finite."""
+    """The metrics as plain data; None where the image holds values that are not finite."""
     if not np.isfinite(image).all():
         return None
-    found = metrics.errors(image, truth, quantity, exposure)
+    found = errors_of(image, truth, quantity, exposure, estimate)
     return {name: e.plain() for name, e in found.items()}
 
 
 def findings(image: np.ndarray, truth: Truth, quantity: Quantity) -> list[dict]:
-    """Flaws of the image, shares above 1, and truths whose variance rests on one batch."""
+    """Flaws of the image, shares above 1, and truths whose variance rests on rare bright paths."""
     found = metrics.flaws(image)
     if quantity.kind == "ratio" and np.nanmax(image) > 1 + 1e-6:
         found.append({"kind": "above 1", "text": f"a share of light reaches {np.nanmax(image):.6g}"})
-    heavy = truth.provenance.get("heaviest_tail")
-    if heavy and heavy["share_of_one_batch"] > 0.9 and truth.batches >= 16:
+    rare = truth.provenance.get("rare_paths", {"count": 0})
+    if rare["count"]:
+        worst = rare["worst"][0]
         found.append(
             {
-                "kind": "heavy tail",
-                "text": f"the truth's variance at pixel {tuple(heavy['pixel'])} rests on one batch",
-                "pixel": heavy["pixel"],
+                "kind": "rare bright paths",
+                "text": f"the truth's noise rests on one batch at {rare['count']} pixels, most at "
+                f"{tuple(worst['pixel'])}: {worst['times_the_mean']:g} times the mean",
+                "pixel": worst["pixel"],
+                "count": rare["count"],
             }
         )
     return found
@@ -194,26 +234,66 @@ def bake_rays(technique: Technique, scene: Scene, size: int, bake: dict) -> int:
 
 
 @lru_cache(maxsize=8)
-def obtain(scene: Scene, quantity: Quantity, size: int) -> tuple[Truth, str]:
+def obtain(scene: Scene, quantity: Quantity, size: int, demand: Demand = ENOUGH) -> tuple[Truth, str]:
     """The truth and its key, the last few kept."""
-    return store.obtain(scene, quantity, size)
+    return store.obtain(scene, quantity, size, demand=demand)
 
 
-def find_truth(scene: Scene, quantity: Quantity, size: int, folder: Path) -> tuple[Truth, dict]:
-    """The truth, and what the record says of it; its image is copied into the run."""
-    truth, key = obtain(scene, quantity, size)
-    label = store.fingerprint([scene.fields(), quantity.name, size, type(scene).__name__])
-    import hashlib
-    import json
+def settled_truth(
+    task: Task, image: np.ndarray, quantity: Quantity, folder: Path, estimate: Truth | None = None
+) -> tuple[Truth, dict]:
+    """The truth, with as many batches as the question takes, and what the record says of it.
 
-    name = hashlib.sha256(json.dumps([label, key]).encode()).hexdigest()[:20]
-    about = {
+    What is shown or judged goes on until `settled`, or until the batches of the profile or half of the
+    task's time are spent; whatever is asked for by name (task.demand) comes on top.
+    """
+    scene, demand, started = task.make_scene(), task.demand, time.perf_counter()
+    truth, key = obtain(scene, quantity, task.size, demand)
+    if SETTLED & set(task.roles) and np.isfinite(image).all():
+        bounds = [t for t in thresholds() if t.asks(task, quantity.name)]
+        while (
+            not truth.exact
+            and not settled(errors_of(image, truth, quantity, None, estimate), bounds)
+            and store.milestone(truth.batches) <= task.batches
+            and time.perf_counter() - started < task.seconds / 2
+        ):
+            demand = Demand(0, batches=store.milestone(truth.batches))
+            truth, key = obtain(scene, quantity, task.size, demand)
+    return truth, describe_truth(scene, quantity, task, folder, truth, key, task.demand)
+
+
+def settled(found: dict[str, Estimate], bounds: list[Threshold]) -> bool:
+    """Whether more samples would change nothing that is said: the interval of the rmse is narrower than a
+    tenth of it to each side (or the whole of it below 0.1 %), and no threshold lies within an interval."""
+    rmse = found["rmse"]
+    if max(rmse.high - rmse.value, rmse.value - rmse.low) > NARROW * rmse.value and rmse.high > NEGLIGIBLE:
+        return False
+    edges = [(found[t.metric], edge) for t in bounds if t.metric in found for edge in (t.at_most, t.at_least)]
+    return not any(e.low < edge < e.high for e, edge in edges)
+
+
+@lru_cache(maxsize=1)
+def thresholds() -> list[Threshold]:
+    """The bounds of the project."""
+    return load_thresholds()
+
+
+def describe_truth(
+    scene: Scene, quantity: Quantity, task: Task, folder: Path, truth: Truth, key: str, demand: Demand
+) -> dict:
+    """What a record says of a truth; its image is copied into the run."""
+    label = store.fingerprint([scene.fields(), quantity.name, task.size, type(scene).__name__])
+    content = json.dumps([label, key, truth.batches])
+    name = hashlib.sha256(content.encode()).hexdigest()[:20]
+    return {
         "key": key,
         "provenance": truth.provenance,
+        "batches": truth.batches,
+        "resolution": truth.resolution(),
+        "demand": demand.verdict(truth),
         "mean": float(truth.mean.mean()),
         "image": save_image(folder, f"truth-{name}.exr", truth.mean),
     }
-    return truth, about
 
 
 def save_image(folder: Path, name: str, image: np.ndarray) -> str:
@@ -241,13 +321,14 @@ def path_tracer_work(scene: Scene, quantity: Quantity, size: int) -> dict:
     longest ends. In media, where that is hundreds of times the mean, nothing is counted."""
     import mitsuba as mi
 
-    from reference.render import load_scene
+    from reference.render import load_scene, variant_of
     from reference.transport import MEDIA, plugin_types
 
     if plugin_types(scene.mitsuba(size)) & MEDIA:
         return NOT_COUNTED
-    loaded = load_scene(scene, quantity, size)
-    return cost.work(lambda: mi.render(loaded, spp=1, seed=0))
+    with other_variant(variant_of(scene)):
+        loaded = load_scene(scene, quantity, size)
+        return cost.work(lambda: mi.render(loaded, spp=1, seed=0))
 
 
 def measure_path_tracer(task: Task, folder: Path) -> dict:
@@ -258,18 +339,22 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     """
     import mitsuba as mi
 
-    from reference.render import load_scene, to_array
+    from reference.render import load_scene, to_array, variant_of
 
     scene, spp = task.make_scene(), int(task.knobs["spp"])
     quantity = QUANTITIES[task.quantities[0]]
     key = task.key(mi.variant())
-    truth, about = find_truth(scene, quantity, task.size, folder)
-    loaded = load_scene(scene, quantity, task.size)
-    seeds = iter(range(task.seed * 10**6, 2 * task.seed * 10**6))
+    truth, tkey = obtain(scene, quantity, task.size, task.demand)
+    about = describe_truth(scene, quantity, task, folder, truth, tkey, task.demand)
+    variant = variant_of(scene)
+    with other_variant(variant):
+        loaded = load_scene(scene, quantity, task.size)
+    seeds = stochastic.frame_seeds(task.seed)
     images = []
 
     def frame() -> Any:
-        images.append(mi.render(loaded, spp=spp, seed=next(seeds)))
+        with other_variant(variant):
+            images.append(mi.render(loaded, spp=spp, seed=next(seeds)))
         return images[-1]
 
     counted = path_tracer_work(scene, quantity, task.size)
@@ -281,7 +366,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     for name in per_image[0]:
         each = [e[name] for e in per_image]
         joint = statistics.combine(statistics.spread([e.value for e in each]), each[0])
-        errors[name] = statistics.Estimate(joint.value, joint.low, joint.high, each[0].floor).plain()
+        errors[name] = Estimate(joint.value, joint.low, joint.high, each[0].floor).plain()
     stack = np.stack(images)
     noise = float(stack.var(axis=0, ddof=1).mean())
     scale = float(truth.mean.mean())
@@ -297,7 +382,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
         "domain": None,
         "truth": about,
         "costs": costs | {"bake_ms": None},
-        "findings": metrics.flaws(images[0]),
+        "findings": [f for f in metrics.flaws(images[0]) if not (scene.spectral and f["kind"] == "negative")],
         "errors": errors,
         "images": {
             "estimate": save_image(folder, f"{key}-{quantity.name}.exr", images[0]),

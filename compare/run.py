@@ -136,6 +136,7 @@ def execute(
             t.fields,
             q,
             t.size,
+            t.demand,
         )
         for t in missing
         for q in t.quantities
@@ -158,6 +159,11 @@ def execute(
                         warn(message)
                     if answer["status"] == "cannot write":
                         raise CannotWrite(answer["error"])
+                    if question[4].resolution > 0 and answer.get("demand", "reached") != "reached":
+                        warn(
+                            f"the truth of {question[0]} {question[2]} {question[3]} reached a resolution of "
+                            f"{answer['resolution']:.3g}, not {question[4].resolution:g}: {answer['demand']}"
+                        )
             for i, task in enumerate(missing):
                 report(f"{task.technique} on {task.scene}", len(truths) + i, total)
                 found = outcome(pool, task, folder)

@@ -5,23 +5,35 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from approximations.contract import Technique, find_technique
+from approximations.contract import Assumption, Technique, all_techniques
+from reference.store import ENOUGH, Demand
 from reference.transport import MEDIA, plugin_types
-from scenes.contract import QUANTITIES, SUBSAMPLES, BadInput, Quantity, Scene, find_scene, make_scene
+from scenes.contract import (
+    QUANTITIES,
+    SUBSAMPLES,
+    BadInput,
+    Quantity,
+    Scene,
+    find_scene,
+    make_scene,
+    unknown,
+)
 
 PATH_TRACER = "path_tracer"
+RGB_RENDERING = "rgb_rendering"
+SPECTRUM = Assumption("spectrum", "three channels stand for all wavelengths")
 ROOT = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
 class Profile:
     """How much of everything: image sizes, points on a stress axis, path-tracer samples, seconds that
-    one measurement may take."""
+    one measurement may take, batches that a truth may grow to before a question is left unsettled."""
 
     name: str
     size: int
@@ -29,13 +41,14 @@ class Profile:
     stress_points: int
     samples: tuple[int, ...]
     seconds: float
+    batches: int
 
 
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 128, 64, 5, (1, 2, 4, 8, 16), 120),
-        Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), 1800),
+        Profile("quick", 128, 64, 5, (1, 2, 4, 8, 16), 120, 128),
+        Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), 1800, 1024),
     )
 }
 
@@ -56,6 +69,8 @@ class Task:
     roles: tuple[str, ...] = ("default",)
     seed: int = 1
     seconds: float = 120
+    batches: int = 128
+    demand: Demand = ENOUGH
 
     def make_scene(self) -> Scene:
         """The scene with its fields set."""
@@ -70,6 +85,7 @@ class Task:
             "knobs": self.knobs,
             "size": self.size,
             "seed": self.seed,
+            "demand": asdict(self.demand),
         }
 
     def key(self, variant: str) -> str:
@@ -83,7 +99,7 @@ class Task:
             drjit.__version__,
             mitsuba.__version__,
             house_digest(),
-            "" if self.technique == PATH_TRACER else file_digest(find_technique(self.technique).file),
+            "" if self.technique == PATH_TRACER else file_digest(find_measured(self.technique).file),
             file_digest(scene_file(self.scene)),
         ]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
@@ -95,8 +111,8 @@ class Task:
         words += [f"--set {k}={v}" for k, v in self.make_scene().fields().items() if v != defaults[k]]
         side = self.size
         if self.technique != PATH_TRACER:
-            side *= 2 if find_technique(self.technique).estimates.probes else 1
-            plain = find_technique(self.technique).settings({})
+            side *= 2 if find_measured(self.technique).estimates.probes else 1
+            plain = find_measured(self.technique).settings({})
             words += [f"--knob {k}={v}" for k, v in self.knobs.items() if v != plain[k]]
         else:
             words += [f"--knob {k}={v}" for k, v in self.knobs.items()]
@@ -131,6 +147,29 @@ def scene_file(name: str) -> Path:
     return Path(inspect.getsourcefile(find_scene(name)))
 
 
+def all_measured() -> dict[str, Technique]:
+    """All that is held against truths, by name: the techniques, and RGB rendering of spectral scenes."""
+    from compare.colour import declared
+
+    return {**all_techniques(), RGB_RENDERING: declared()}
+
+
+def find_measured(name: str) -> Technique:
+    """What is measured under that name. Raises BadInput with the nearest names."""
+    known = all_measured()
+    if name not in known:
+        raise unknown("technique", name, known)
+    return known[name]
+
+
+def variations_on(technique: Technique, scene: type[Scene]) -> dict[str, list[Any]]:
+    """Knob -> the values worth measuring on a scene: a rule of extinction only where there is a medium."""
+    found = technique.variations()
+    if technique.name == RGB_RENDERING and not plugin_types(scene().mitsuba()) & MEDIA:
+        del found["extinction"]
+    return found
+
+
 def quantities_on(technique: Technique, scene: type[Scene]) -> tuple[str, ...]:
     """The truths that a technique is held against on a scene, its own quantity first."""
     return tuple(q.name for q in (technique.estimates, *technique.also) if q in scene.quantities)
@@ -146,6 +185,7 @@ def plan(
     size: int | None = None,
     seed: int = 1,
     only: bool = False,
+    demand: Demand = ENOUGH,
 ) -> list[Task]:
     """All tasks of a selection: defaults, one-at-a-time knob sweeps, ladders, stress sweeps and the path
     tracer's curve on each scene. With `only`, just the setting asked for. Probes are taken at half the
@@ -178,6 +218,8 @@ def plan(
                     roles,
                     seed,
                     profile.seconds,
+                    profile.batches,
+                    demand,
                 )
 
             tasks.append(task(settings, "default"))
@@ -186,7 +228,7 @@ def plan(
             curves[cls.__name__] = tuple(QUANTITIES[n] for n in names) + curves.get(cls.__name__, ())
             tasks += [
                 task({**settings, knob: value}, f"knob:{knob}")
-                for knob, values in technique.variations().items()
+                for knob, values in variations_on(technique, cls).items()
                 for value in values
             ]
             tasks += [task(rung, f"ladder:{i}") for i, rung in enumerate(ladder(technique, settings)) if i]
@@ -198,7 +240,18 @@ def plan(
     for name, quantities in curves.items():
         rendered = tuple(dict.fromkeys(q.name for q in quantities if not q.probes and q.kind == "radiance"))
         tasks += [
-            Task(PATH_TRACER, name, size, fields, {"spp": n}, (q,), ("path tracer",), seed, profile.seconds)
+            Task(
+                PATH_TRACER,
+                name,
+                size,
+                fields,
+                {"spp": n},
+                (q,),
+                ("path tracer",),
+                seed,
+                profile.seconds,
+                demand=demand,
+            )
             for q in rendered
             for n in samples(profile, name)
         ]
@@ -222,8 +275,6 @@ def ladder(technique: Technique, settings: dict[str, Any]) -> list[dict[str, Any
 
 def merge(tasks: list[Task]) -> list[Task]:
     """Each setting once, with all the roles that it plays and all the truths that it is held against."""
-    from dataclasses import replace
-
     found: dict[str, Task] = {}
     for t in tasks:
         label = json.dumps(

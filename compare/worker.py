@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from compare.task import PATH_TRACER, Task
+from reference.store import ENOUGH, Demand
 from scenes.contract import QUANTITIES, BadInput, all_scenes, make_scene
 
 MEMORY_SHARE = 0.8
@@ -56,16 +57,41 @@ def limit_memory() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def prepare_truth(scene: str, fields: dict[str, Any], quantity: str, size: int) -> dict:
-    """Make sure that a truth is in the store; warnings about files that had to be replaced."""
+def prepare_truth(
+    scene: str,
+    fields: dict[str, Any],
+    quantity: str,
+    size: int,
+    demand: Demand = ENOUGH,
+    seed: int = 1,
+    again: bool = False,
+) -> dict:
+    """Make sure that a truth of that demand is in the store; warnings about files that had to be replaced.
+
+    What came of it: batches, resolution, and whether the demand was reached or which budget was spent.
+    """
     from reference import store
 
     warnings: list[str] = []
     try:
-        store.obtain(make_scene(scene, fields), QUANTITIES[quantity], size, warn=warnings.append)
+        truth, _ = store.obtain(
+            make_scene(scene, fields),
+            QUANTITIES[quantity],
+            size,
+            demand=demand,
+            seed=seed,
+            again=again,
+            warn=warnings.append,
+        )
     except Exception as error:
         return {"status": status_of(error), "error": one_line(error), "warnings": warnings}
-    return {"status": "ok", "warnings": warnings}
+    return {
+        "status": "ok",
+        "warnings": warnings,
+        "batches": truth.batches,
+        "resolution": truth.resolution(demand.tile),
+        "demand": demand.verdict(truth),
+    }
 
 
 def perform(task: Task, folder: str) -> list[dict]:

@@ -1,9 +1,13 @@
-"""Truths by Monte Carlo: independent batches, their mean, the variance of that mean, and its health."""
+"""Truths by Monte Carlo: independent batches, one seed each, of the transport that the rules choose.
+
+A batch has a fixed number of samples a pixel, so that memory does not grow with the samples asked for, and
+its pixels depend on the seed alone: not on how many batches are made, or in how many sittings.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,33 +15,71 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from reference.transport import Effort, integrator
+from reference.moments import Moments, from_batches
+from reference.toolchain import other_variant, spectral_twin
+from reference.transport import Transport, transport
 from reference.truth import Truth, find_sampler
 from scenes.contract import BadInput, Quantity, Scene
 
+Draw = Callable[[int, int], np.ndarray]
 
-def load_scene(scene: Scene, quantity: Quantity, size: int) -> mi.Scene:
-    """The Mitsuba scene with the integrator that the quantity needs. Raises BadInput if rejected.
+
+def load_scene(scene: Scene, quantity: Quantity, size: int, how: Transport | None = None) -> mi.Scene:
+    """The Mitsuba scene with the transport that the quantity needs. Raises BadInput if rejected."""
+    description = scene.mitsuba(size)
+    try:
+        return load_description(description, how or transport(description, quantity, size))
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(
+            f"Mitsuba rejects the scene {type(scene).__name__}: {reason}; mend its mitsuba()"
+        ) from error
+
+
+def load_description(description: dict, how: Transport) -> mi.Scene:
+    """A scene dictionary with its transport.
 
     Loaded without Mitsuba's merging of shapes: in 3.9.1 rectangles of equal BSDF become one mesh with an
     invalid bounding box, and a uniform sky then leaks through walls (+5.5 % of the mean in a valley).
     """
-    description = scene.mitsuba(size)
-    try:
-        whole = {**description, "integrator": integrator(description, quantity)}
-        return mi.load_dict(whole, optimize=False)
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise BadInput(f"Mitsuba rejects the scene {type(scene).__name__}: {reason}") from error
+    sampler = {"type": how.sampler, "sample_count": how.spp}
+    sensor = {**description["sensor"], "sampler": sampler}
+    whole = {**description, "sensor": sensor, "integrator": how.integrator}
+    return mi.load_dict(whole, optimize=False)
 
 
-def sample(scene: Scene, quantity: Quantity, size: int) -> Callable[[int, int], np.ndarray]:
-    """f(spp, seed) -> (size, size, C) float64: one unbiased batch, loading the scene only once."""
+def sample(scene: Scene, quantity: Quantity, size: int, how: Transport | None = None) -> Draw:
+    """f(spp, seed) -> (size, size, C) float64: one unbiased batch, loading the scene only once.
+
+    A spectral scene is rendered in the spectral twin of the variant, in linear sRGB.
+    """
     declared = find_sampler(type(scene), quantity)
     if declared is not None:
         return lambda spp, seed: np.asarray(declared(scene, size, spp, seed), np.float64)
-    loaded = load_scene(scene, quantity, size)
-    return lambda spp, seed: to_array(mi.render(loaded, spp=spp, seed=seed))
+    variant = variant_of(scene)
+    with other_variant(variant):
+        loaded = load_scene(scene, quantity, size, how)
+
+    def draw(spp: int, seed: int) -> np.ndarray:
+        with other_variant(variant):
+            return to_array(mi.render(loaded, spp=spp, seed=seed))
+
+    return draw
+
+
+def batch_seed(seed: int, k: int) -> int:
+    """Mitsuba's seed for batch k of a series, scattered over 32 bits.
+
+    Mitsuba 3.9.1 seeds a pixel's strata in `multijitter` by seed + index of its first sample, so that at n
+    samples a pixel the image of seed + n is mostly that of seed, shifted by a pixel (correlation 0.4 to 0.5
+    between neighbours): seeds in a row would smear the noise of their mean along the rows.
+    """
+    return int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
+
+
+def variant_of(scene: Scene) -> str:
+    """The variant that renders a scene: this one, or its spectral twin."""
+    return spectral_twin(mi.variant()) if scene.spectral else mi.variant()
 
 
 def to_array(image: Any) -> np.ndarray:
@@ -47,39 +89,38 @@ def to_array(image: Any) -> np.ndarray:
     return array if array.ndim == 3 else array[..., None]
 
 
-def batches(scene: Scene, quantity: Quantity, size: int, effort: Effort) -> Iterator[np.ndarray]:
-    """Independent batches, one seed each."""
-    draw = sample(scene, quantity, size)
-    for k in range(effort.batches):
-        yield draw(effort.spp, effort.seed + k)
-
-
-def render_truth(
+def render_batches(
     scene: Scene,
     quantity: Quantity,
     size: int,
-    effort: Effort,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    first: int,
+    count: int,
+    seed: int = 1,
+    progress: Callable[[int], None] = lambda done: None,
+    draw: Draw | None = None,
 ) -> Truth:
-    """The truth of a quantity on a scene at size x size pixels, from independent batches."""
+    """The truth that batches first ... first + count - 1 make, both even. Batch k has `batch_seed(seed, k)`.
+
+    draw: the sampler of the scene, where it is loaded already.
+    """
     started = time.perf_counter()
-    drawn = []
-    for image in batches(scene, quantity, size, effort):
-        drawn.append(image)
-        progress(len(drawn), effort.batches)
-    truth = from_batches(np.stack(drawn))
+    draw = draw or sample(scene, quantity, size)
+    how = transport(scene.mitsuba(size), quantity, size)
+    moments = Moments()
+    for k in range(first, first + count):
+        moments.add(draw(how.spp, batch_seed(seed, k)))
+        progress(k + 1)
+    truth = moments.truth()
     truth.provenance.update(
         {
             "method": "Monte Carlo",
-            "integrator": method(scene, quantity, size),
+            **method(scene, quantity, size),
             "scene": type(scene).__name__,
             "fields": scene.fields(),
             "quantity": quantity.name,
             "size": size,
-            "spp": effort.spp * effort.batches,
-            "batches": effort.batches,
-            "seed": effort.seed,
-            "variant": mi.variant(),
+            "seed": seed,
+            "variant": variant_of(scene),
             "mitsuba": mi.__version__,
             "drjit": dr.__version__,
             "seconds": round(time.perf_counter() - started, 2),
@@ -88,48 +129,13 @@ def render_truth(
     return truth
 
 
-def method(scene: Scene, quantity: Quantity, size: int) -> Any:
-    """The integrator's dictionary, or the name of the declared sampler."""
+def method(scene: Scene, quantity: Quantity, size: int) -> dict[str, Any]:
+    """How a truth is made: the transport, with the declared sampler's name in the integrator's place."""
+    plain = transport(scene.mitsuba(size), quantity, size).plain()
     declared = find_sampler(type(scene), quantity)
     if declared is not None:
-        return f"{declared.__module__}.{declared.__name__}"
-    return integrator(scene.mitsuba(size), quantity)
-
-
-def from_batches(images: np.ndarray) -> Truth:
-    """Statistics of K independent images (K, H, W, C).
-
-    Channels that agree everywhere are kept as one. The pixel whose batches are least normal (largest
-    share of its sum of squared deviations in one batch) is recorded: rare bright paths make the
-    variance there unreliable, and they are reported, never clipped.
-    """
-    if not np.isfinite(images).all():
-        k, y, x, _ = np.argwhere(~np.isfinite(images))[0]
-        raise BadInput(f"the reference render gave a value that is not finite at pixel ({x}, {y}), batch {k}")
-    if images.shape[3] > 1 and np.allclose(images, images[..., :1], rtol=1e-5, atol=1e-7):
-        images = images[..., :1]
-    count = len(images)
-    mean = images.mean(axis=0)
-    deviation = images - mean
-    squared = (deviation**2).sum(axis=0)
-    covariance = np.einsum("khwc,khwd->cd", deviation, deviation)
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    share = (deviation**2).max(axis=0) / np.maximum(squared, 1e-300) * (squared > 0)
-    weight = share * np.sqrt(squared)
-    y, x, _ = np.unravel_index(np.argmax(weight), weight.shape)
-    return Truth(
-        mean=mean,
-        variance=squared / (count * (count - 1)),
-        correlation=covariance / np.outer(scale, scale),
-        half_difference=0.5 * (images[0::2].mean(axis=0) - images[1::2].mean(axis=0)),
-        batches=count,
-        provenance={
-            "relative_standard_error": float(
-                np.sqrt(squared.mean() / (count * (count - 1))) / max(abs(mean.mean()), 1e-300)
-            ),
-            "heaviest_tail": {"pixel": [int(x), int(y)], "share_of_one_batch": float(share[y, x].max())},
-        },
-    )
+        plain["integrator"] = f"{declared.__module__}.{declared.__name__}"
+    return plain
 
 
 def render_file(path: Path, spp: int, count: int = 16) -> Truth:
@@ -141,12 +147,10 @@ def render_file(path: Path, spp: int, count: int = 16) -> Truth:
         raise BadInput(f"{path}: no such file; give a Mitsuba scene in XML")
     try:
         loaded = mi.load_file(str(path))
-        drawn = [to_array(mi.render(loaded, spp=spp, seed=1 + k)) for k in range(count)]
+        drawn = [to_array(mi.render(loaded, spp=spp, seed=batch_seed(1, k))) for k in range(count)]
     except Exception as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"Mitsuba rejects {path}: {reason}") from error
     truth = from_batches(np.stack(drawn)[..., :3])
-    truth.provenance.update(
-        {"method": "Monte Carlo", "scene": path.name, "spp": spp * count, "batches": count, "seed": 1}
-    )
+    truth.provenance.update({"method": "Monte Carlo", "scene": path.name, "spp": spp, "seed": 1})
     return truth

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.special import exprel
 
+from reference import transport
 from reference.truth import closed_form, sampler
 from scenes.cloud import CloudSlab, CloudSphere, SunlitCloud
 from scenes.contract import SINGLE_SCATTERING, SOURCE_FUNCTION, View
@@ -25,9 +26,10 @@ PANELS, NODES = 64, 8  # of the Gauss rule along a chord
 @sampler(CloudSlab, SOURCE_FUNCTION)
 def source_function(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndarray:
     """(size, size, 1): one batch of spp paths per probe, row by row as `probes` says."""
-    world = mi.load_dict(scene.mitsuba(size))
+    description = scene.mitsuba(size)
+    world = mi.load_dict(description)
     medium = world.shapes()[0].interior_medium()
-    integrator = mi.load_dict({"type": "volpath", "max_depth": -1, "rr_depth": 100000})
+    integrator = mi.load_dict(transport.integrator(description, SOURCE_FUNCTION))
     probes = scene.probes(size)
     point, w = probes.camera.origin, probes.camera.direction
 

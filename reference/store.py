@@ -1,5 +1,9 @@
 """The store of truths: EXR files that say all about themselves, named by what their pixels depend on.
 
+A truth grows: it is asked for with a Demand, batches are added until that is met, and what there is
+stays. It is written at fixed numbers of batches (4, 8, 16, 24, 32, 48, 64, ...), so that a killed render
+loses a third at most and its pixels are the same in however many sittings they were made.
+
 Two folders are searched: the user's store, then the truths that come with the repository. A file
 holds the mean (float32, rounded to a quarter of its standard error or finer), the standard error and
 half the difference of two independent halves (float16 of 5 significant bits, scaled): all far below
@@ -13,22 +17,28 @@ import contextlib
 import errno
 import hashlib
 import json
+import math
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from reference.moments import join
 from reference.toolchain import cache_folder
-from reference.transport import Effort, effort
 from reference.truth import Truth, evaluate_closed_form, find_sampler, has_closed_form
 from scenes.contract import BadInput, Quantity, Scene
 
 SHIPPED = Path(__file__).resolve().parents[1] / "truths"
 CHANNELS = "RGB"
+FORMAT = 2
+LEAST_BATCHES = 16
+"""Fewer give no variance to rely on."""
 
 
 class DamagedTruth(BadInput):
@@ -65,11 +75,10 @@ def fingerprint(value: Any) -> Any:
     return [list(array.shape), hashlib.sha256(rounded.tobytes()).hexdigest()]
 
 
-def truth_key(scene: Scene, quantity: Quantity, size: int, how: Effort) -> str:
-    """Digest of everything that the stored pixels depend on."""
+def truth_key(scene: Scene, quantity: Quantity, size: int, seed: int = 1) -> str:
+    """Digest of everything that the stored pixels depend on but for their number of batches, and for the
+    version of Mitsuba, which the file names."""
     import inspect
-
-    import mitsuba as mi
 
     from reference.render import method
 
@@ -81,8 +90,8 @@ def truth_key(scene: Scene, quantity: Quantity, size: int, how: Effort) -> str:
         "size": size,
         "method": method(scene, quantity, size),
         "code": inspect.getsource(inspect.getmodule(declared)) if declared else "",
-        "effort": [how.spp, how.batches, how.seed],
-        "mitsuba": mi.__version__,
+        "seed": seed,
+        "format": FORMAT,
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -97,44 +106,154 @@ def find(name: str) -> Path | None:
     return next((p for p in (user_store() / name, SHIPPED / name) if p.is_file()), None)
 
 
+@dataclass(frozen=True)
+class Demand:
+    """What a comparison asks of a truth.
+
+    resolution: the least relative rmse that it must tell from none, over the image or, with `tile`, in the
+    worst tile of so many pixels a side. batches, seconds: budgets that end the growth before that; at least
+    LEAST_BATCHES are made unless time is up. With resolution 0, batches is a fixed budget.
+    """
+
+    resolution: float = math.inf
+    tile: int | None = None
+    batches: int = 1024
+    seconds: float = math.inf
+
+    def __post_init__(self) -> None:
+        tile = 1 if self.tile is None else self.tile
+        if not self.resolution >= 0 or self.batches < 4 or not self.seconds > 0 or tile < 1:
+            raise BadInput(
+                f"cannot ask for {self}: resolution is 0 or more, tile 1 or more, batches 4 or more, "
+                "seconds above 0"
+            )
+
+    def unmet(self, truth: Truth, seconds: float) -> bool:
+        """Whether more batches are wanted and within budget."""
+        least = min(LEAST_BATCHES, self.batches)
+        wanted = truth.batches < least or truth.resolution(self.tile) > self.resolution
+        return wanted and milestone(truth.batches) <= self.batches and seconds < self.seconds
+
+    def verdict(self, truth: Truth) -> str:
+        """ "reached", or which budget ended the growth before."""
+        if truth.exact or truth.resolution(self.tile) <= self.resolution:
+            return "reached"
+        return "batches spent" if milestone(truth.batches) > self.batches else "time spent"
+
+
+ENOUGH = Demand()
+"""LEAST_BATCHES, whatever they resolve."""
+
+
+def milestone(batches: int) -> int:
+    """The next number of batches at which a truth is written: 4, 8, 16, 24, 32, 48, 64, ..."""
+    if batches < 4:
+        return 4
+    power = 1 << (batches.bit_length() - 1)
+    return power * 2 if batches < 16 or batches > power else power * 3 // 2
+
+
 def obtain(
     scene: Scene,
     quantity: Quantity,
     size: int,
     *,
+    demand: Demand = ENOUGH,
     seed: int = 1,
+    again: bool = False,
     warn: Callable[[str], None] = lambda message: None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[Truth, str]:
-    """The truth and its key: closed form, else from the store, else rendered now and stored.
+    """The truth and its key: closed form, else what the store has, grown until the demand is met.
 
-    A damaged file is named through `warn`, and a sound one is rendered into the user's store.
+    A damaged file is named through `warn`, and a sound one is rendered into the user's store. One of another
+    version of Mitsuba is named and used as it is, unless more is asked of it or `again` is given: then it is
+    rendered anew, since batches of two versions do not mix.
     """
     if quantity not in scene.quantities:
         known = ", ".join(q.name for q in scene.quantities)
         raise BadInput(f"{type(scene).__name__} has no {quantity.name}: it has {known}")
     if has_closed_form(type(scene), quantity):
         return evaluate_closed_form(scene, quantity, size), "closed-form"
-    how = effort(scene.mitsuba(size), size)
-    how = Effort(how.spp, how.batches, seed)
-    key = truth_key(scene, quantity, size, how)
+    key = truth_key(scene, quantity, size, seed)
     name = file_name(scene, quantity, size, key)
-    for path in (user_store() / name, SHIPPED / name):
-        if path.is_file():
+    truth = None if again else largest(name, key, warn)
+    if truth is not None and other_version(truth.provenance):
+        warn(
+            f"{name} was rendered with Mitsuba {truth.provenance['mitsuba']}: "
+            f"`lightproof reference render {type(scene).__name__} --again` renders it with this one"
+        )
+        if demand.unmet(truth, 0.0):
+            truth, again = None, True
+    started = time.perf_counter()
+    draw = None
+    while truth is None or demand.unmet(truth, time.perf_counter() - started):
+        from reference.render import render_batches, sample
+
+        draw = draw or sample(scene, quantity, size)
+        first = truth.batches if truth else 0
+        total = max(_expected(truth, demand), milestone(first))
+        count = milestone(first) - first
+        new = render_batches(
+            scene, quantity, size, first, count, seed, lambda done, t=total: progress(done, t), draw
+        )
+        truth = grown(truth, new)
+        save(user_store() / name, truth, key, over_larger=again and first == 0)
+        truth = load(user_store() / name, key)
+    return truth, key
+
+
+def grown(old: Truth | None, new: Truth) -> Truth:
+    """Both as one truth, with the samples and seconds of both."""
+    if old is None:
+        return new
+    joined = join(old, new)
+    joined.provenance["seconds"] = round(old.provenance["seconds"] + new.provenance["seconds"], 2)
+    return joined
+
+
+def _expected(truth: Truth | None, demand: Demand) -> int:
+    """Batches that the demand will take: the resolution falls with their square root."""
+    if truth is None or truth.batches < LEAST_BATCHES or math.isinf(demand.resolution):
+        return min(LEAST_BATCHES, demand.batches)
+    if demand.resolution == 0:
+        return demand.batches
+    return min(
+        math.ceil(truth.batches * (truth.resolution(demand.tile) / demand.resolution) ** 2), demand.batches
+    )
+
+
+def largest(name: str, key: str, warn: Callable[[str], None] = lambda message: None) -> Truth | None:
+    """The stored truth of that name with the most batches, None where no folder has a sound one."""
+    found = []
+    for folder in (user_store(), SHIPPED):
+        if (folder / name).is_file():
             try:
-                return load(path, key), key
+                found.append(load(folder / name, key))
             except DamagedTruth as damage:
                 warn(str(damage))
-    from reference.render import render_truth
-
-    truth = render_truth(scene, quantity, size, how, progress)
-    save(user_store() / name, truth, key)
-    return load(user_store() / name, key), key
+    return max(found, key=lambda t: t.batches, default=None)
 
 
-def save(path: Path, truth: Truth, key: str) -> None:
-    """Write a truth in one step: a reader sees the whole file or none. Raises CannotWrite if it cannot."""
+def other_version(about: dict) -> bool:
+    """Whether a truth was rendered by another version of Mitsuba than this one."""
+    import mitsuba as mi
+
+    return about.get("mitsuba", mi.__version__) != mi.__version__
+
+
+def save(path: Path, truth: Truth, key: str, over_larger: bool = True) -> None:
+    """Write a truth in one step: a reader sees the whole file or none. Raises CannotWrite if it cannot.
+
+    Not over_larger: a sound file of more batches, from a process that was faster, is left there.
+    """
     import OpenEXR
+
+    if not over_larger and path.is_file():
+        with contextlib.suppress(DamagedTruth):
+            there = json.loads(read_exr(path)[0].get("lightproof", "{}"))
+            if there.get("key") == key and there.get("batches", 0) >= truth.batches:
+                return
 
     error = np.sqrt(truth.variance)
     scale = float(error.max()) or 1.0
@@ -151,6 +270,9 @@ def save(path: Path, truth: Truth, key: str) -> None:
         "key": key,
         "scale": scale,
         "batches": truth.batches,
+        "pixel_noise": truth.pixel_noise,
+        "resolution": truth.resolution(),
+        "resolution_of_worst_tile": truth.resolution(16),
         "correlation": np.round(truth.correlation, 6).tolist(),
     }
     header = {

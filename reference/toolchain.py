@@ -13,6 +13,8 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from scenes.contract import BadInput
@@ -171,3 +173,23 @@ def gpu_driver() -> bool:
         return False
     count = ctypes.c_int(0)
     return cuda.cuInit(0) == 0 and cuda.cuDeviceGetCount(ctypes.byref(count)) == 0 and count.value > 0
+
+
+@contextmanager
+def other_variant(name: str) -> Iterator[None]:
+    """Another variant of Mitsuba within a block; objects of the old one stay usable after it."""
+    import mitsuba as mi
+
+    kept = mi.variant()
+    mi.set_variant(name)
+    try:
+        yield
+    finally:
+        mi.set_variant(kept)
+
+
+def spectral_twin(variant: str) -> str:
+    """The spectral variant of the same device. Raises BadInput for a variant that is not RGB."""
+    if not variant.endswith("_rgb"):
+        raise BadInput(f"{variant} has no spectral twin here: expected a variant that ends in _rgb")
+    return variant.removesuffix("_rgb") + "_spectral"

@@ -32,6 +32,29 @@ class Truth:
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
+    def pixel_noise(self) -> float:
+        """Root mean square of the pixels' standard errors over the mean of the image."""
+        return float(np.sqrt(self.variance.mean()) / max(abs(self.mean.mean()), 1e-300))
+
+    def resolution(self, tile: int | None = None) -> float:
+        """The least rmse, over the mean of the image, that this truth tells from none at 95 %.
+
+        A perfect estimate reads a mean squared error of 0 +- 1.96 sqrt(2 sum (tr C)^2) / n, of which this is
+        the root. With `tile`, within the worst of the tiles of that many pixels a side. 0 where exact.
+        """
+        height, width, channels = self.mean.shape
+        squared = self.variance.sum(axis=2) ** 2
+        side = min(tile, height, width) if tile else None
+        if side:
+            rows, columns = (np.arange(0, n - side + 1, side) for n in (height, width))
+            whole = squared[: len(rows) * side, : len(columns) * side]
+            sums = np.add.reduceat(np.add.reduceat(whole, rows, axis=0), columns, axis=1)
+            spread = np.sqrt(2 * sums.max()) / (side * side * channels)
+        else:
+            spread = np.sqrt(2 * squared.sum()) / self.mean.size
+        return float(np.sqrt(1.96 * spread) / max(abs(self.mean.mean()), 1e-300))
+
+    @property
     def exact(self) -> bool:
         """True for closed forms."""
         return self.batches == 0

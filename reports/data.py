@@ -6,6 +6,7 @@ techniques   their facts and their cases; a case is a technique held against one
 findings     of each kind the smallest input that shows it
 failures     measurements that gave no figures
 truths       how each truth was made
+verification how the truths were proved, by kind
 records      every measurement, by key
 """
 
@@ -21,6 +22,7 @@ from compare.gate import ASSUMPTIONS, Verdict, describe, judge, load_thresholds
 from compare.run import path_tracer_curve, records
 from compare.summary import cost_at_error, error_at_cost, interval_text
 from compare.task import PATH_TRACER
+from reference.verify import run as verification
 from scenes.contract import QUANTITIES, SCENES, BadInput, Scene
 
 RESULTS = ("fail", "not judged", "not measured", "pass")
@@ -50,6 +52,7 @@ def gather(folder: Path) -> dict:
         "failures": failures,
         "verdicts": [plain_verdict(v) for v in verdicts],
         "truths": truths(known),
+        "verification": verification_tables(verification.read(folder)),
         "records": {r["key"]: r for r in known},
     }
 
@@ -376,17 +379,42 @@ def smallest(known: list[dict]) -> list[dict]:
 
 
 def truths(known: list[dict]) -> dict[str, dict]:
-    """Image name -> how that truth was made."""
+    """Image name -> how that truth was made, and how well it is known."""
     found = {}
     for r in known:
         truth = r.get("truth")
         if truth:
             found[truth["image"]] = {
+                **{k: v for k, v in truth["provenance"].items() if k != "key"},
                 "scene": r["scene"],
                 "quantity": r["quantity"],
                 "size": r["size"],
-                "key": truth["key"],
-                "mean": truth["mean"],
-                **{k: v for k, v in truth["provenance"].items() if k not in found and k != "key"},
+                **{k: truth.get(k) for k in ("key", "mean", "batches", "resolution", "demand")},
             }
     return found
+
+
+PROOFS = {
+    "stored": "Rendered again",
+    "route": "A second route",
+    "physics": "Laws of physics",
+    "published": "Published numbers",
+}
+
+
+def verification_tables(rows: list[dict]) -> list[dict]:
+    """A table for each kind of proof, what differs first, then the largest disagreement."""
+
+    def order(row: dict) -> tuple:
+        return row["verdict"] == "agrees", row.get("p", 0.0)
+
+    return [
+        {
+            "kind": kind,
+            "title": title,
+            "rows": sorted((r for r in rows if r["kind"] == kind), key=order),
+            "agree": sum(r["kind"] == kind and r["verdict"] == "agrees" for r in rows),
+        }
+        for kind, title in PROOFS.items()
+        if any(r["kind"] == kind for r in rows)
+    ]

@@ -237,6 +237,7 @@ class Scene:
     shows: ClassVar[str]
     quantities: ClassVar[tuple[Quantity, ...]]
     exposure: ClassVar[tuple[float, float]]  # FLIP-HDR start and stop, pinned (stops)
+    spectral: ClassVar[bool] = False  # its truth is rendered wavelength by wavelength
 
     def __post_init__(self) -> None:
         for name, hint in self.field_types().items():

@@ -10,6 +10,7 @@ import pytest
 from compare.gate import Threshold
 from reference.doctor import find_chromium
 from reference.store import CannotWrite, write_exr
+from reference.verify import run as verification
 from reports.build import build, default_target
 from reports.data import gather, smallest
 from reports.images import block_mean, nice, pack
@@ -54,6 +55,9 @@ def record(technique, rmse, ms, *roles, knobs=None, fields=None, size=SIZE, **mo
         "truth": {
             "key": "closed-form",
             "provenance": {"method": "closed form in float64", "function": "toys.box", "fields": fields},
+            "batches": 0,
+            "resolution": 0.0,
+            "demand": "reached",
             "mean": 0.5,
             "image": "images/truth.exr",
         },
@@ -233,6 +237,46 @@ def test_partial_runs_still_give_a_page(tmp_path, records, said):
     folder = write_run(tmp_path / "run", records, images=False)
     (folder / "run.json").unlink()
     assert said.lower() in build(folder, tmp_path / "out").read_text().lower()
+
+
+def proof(kind, verdict, **changed):
+    return {
+        "key": f"{kind}{verdict}#0",
+        "kind": kind,
+        "truth": f"{kind} truth",
+        "claim": "a law is kept",
+        "routes": ["one", "another"],
+        "citation": "A. Author 1901",
+        "verdict": verdict,
+        "note": "",
+        "standard_errors": 3.25,
+        "relative": 0.0123,
+        "where": "pixel (4, 2)",
+        "p": 0.5,
+        "catches": 0.0042,
+        "seconds": 1.0,
+    } | changed
+
+
+def test_proofs_of_the_truths_stand_in_a_table_each_what_differs_first(tmp_path):
+    folder = write_run(tmp_path / "proved", whole_run())
+    rows = [
+        proof("physics", "agrees"),
+        proof("physics", "differs", truth="lost energy", p=1e-9),
+        proof("published", "agrees", standard_errors=None),
+        {"key": "s#0", "kind": "stored", "truth": "x.exr", "claim": "c", "routes": ["a", "b"], "citation": ""}
+        | {"verdict": "damaged", "note": "cut short", "seconds": 0.1},
+    ]
+    verification.write(folder, rows)
+    html = build(folder, tmp_path / "out").read_text()
+    assert "Laws of physics: 1 of 2 agree" in html and "Published numbers: 1 of 1 agree" in html
+    assert html.index("lost energy") < html.index("physics truth")
+    for said in ("one / another", "3.25", "1.2 %", "pixel (4, 2)", "0.42 %", "A. Author 1901", "cut short"):
+        assert said in html
+
+
+def test_a_run_without_proofs_says_how_to_get_them(html):
+    assert "lightproof reference verify" in html
 
 
 def test_verdicts_stand_in_the_head_the_table_and_the_case(tmp_path, monkeypatch):

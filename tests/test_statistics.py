@@ -7,7 +7,7 @@ import pytest
 
 from compare import metrics, statistics
 from compare.statistics import Estimate
-from reference.render import from_batches
+from reference.moments import from_batches
 from reference.truth import Truth
 from scenes.contract import RADIANCE, TRANSMITTANCE, BadInput
 
@@ -127,21 +127,6 @@ def test_flaws_are_counted_and_located():
     assert found["NaN"]["pixel"] == [1, 0]
     assert found["infinity"]["pixel"] == [2, 1]
     assert found["negative"]["count"] == 1
-
-
-def test_a_rare_bright_path_is_reported_with_its_pixel(rng):
-    batches = rng.normal(1, 0.01, size=(16, 8, 8, 1))
-    batches[5, 2, 6] = 400
-    tail = from_batches(batches).provenance["heaviest_tail"]
-    assert tail["pixel"] == [6, 2]
-    assert tail["share_of_one_batch"] > 0.9
-
-
-def test_a_batch_that_is_not_finite_is_refused(rng):
-    batches = rng.normal(1, 0.01, size=(4, 8, 8, 1))
-    batches[1, 2, 3] = np.inf
-    with pytest.raises(BadInput, match=r"pixel \(3, 2\), batch 1"):
-        from_batches(batches)
 
 
 def test_images_of_different_size_are_refused():

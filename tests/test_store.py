@@ -6,12 +6,13 @@ import os
 import numpy as np
 import pytest
 
-from reference import render, store
-from reference.transport import Effort, integrator
+from reference import moments, render, store
+from reference.store import Demand
 from scenes.contract import DIRECT_RADIANCE, RADIANCE, SINGLE_SCATTERING, BadInput
 from scenes.sunlit import SphereOverPlane
 
 SCENE = SphereOverPlane(light_radius=0.3)
+FEW = Demand(0, batches=4)
 
 
 @pytest.fixture(autouse=True)
@@ -23,7 +24,7 @@ def own_store(tmp_path, monkeypatch):
 @pytest.fixture
 def truth(rng):
     batches = rng.lognormal(0, 0.3, size=(16, 12, 12, 3)) * np.array([1.0, 2.0, 0.5])
-    return render.from_batches(batches)
+    return moments.from_batches(batches)
 
 
 def test_what_is_read_is_what_was_written_far_below_the_noise(truth, tmp_path):
@@ -35,7 +36,8 @@ def test_what_is_read_is_what_was_written_far_below_the_noise(truth, tmp_path):
     assert np.allclose(np.sqrt(again.variance), error, rtol=0.035)
     assert np.allclose(again.correlation, truth.correlation, atol=1e-6)
     assert again.batches == 16
-    assert again.provenance["heaviest_tail"] == truth.provenance["heaviest_tail"]
+    assert again.provenance["rare_paths"] == truth.provenance["rare_paths"]
+    assert again.resolution() == pytest.approx(truth.resolution(), rel=0.02)
 
 
 def test_a_flipped_byte_anywhere_is_named_or_leaves_the_truth_as_it_was(truth, tmp_path):
@@ -73,34 +75,111 @@ def test_the_truth_of_another_question_is_refused(truth, tmp_path):
         store.load(tmp_path / "t.exr", "other")
 
 
-def test_a_damaged_truth_is_named_and_replaced_never_used(own_store, monkeypatch):
-    monkeypatch.setattr(store, "effort", lambda description, size: Effort(4, 4))
-    first, key = store.obtain(SCENE, DIRECT_RADIANCE, 16)
+def test_a_damaged_truth_is_named_and_replaced_never_used(own_store):
+    first, key = store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=FEW)
     path = own_store / store.file_name(SCENE, DIRECT_RADIANCE, 16, key)
     data = bytearray(path.read_bytes())
     data[-30] ^= 1
     path.write_bytes(data)
     heard = []
-    again, _ = store.obtain(SCENE, DIRECT_RADIANCE, 16, warn=heard.append)
+    again, _ = store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=FEW, warn=heard.append)
     assert len(heard) == 1 and path.name in heard[0]
     assert np.array_equal(first.mean, again.mean)
     assert store.load(path, key)
 
 
-def test_the_key_depends_on_scene_quantity_size_effort_and_seed():
-    def key(scene=SCENE, quantity=RADIANCE, size=16, how=None):
-        return store.truth_key(scene, quantity, size, how or Effort())
+def test_the_key_depends_on_scene_quantity_size_transport_and_seed(monkeypatch):
+    def key(scene=SCENE, quantity=RADIANCE, size=16, seed=1):
+        return store.truth_key(scene, quantity, size, seed)
 
+    plain = key()
     others = [
         key(scene=SphereOverPlane(light_radius=0.31)),
         key(quantity=DIRECT_RADIANCE),
         key(size=32),
-        key(how=Effort(spp=65)),
-        key(how=Effort(batches=17)),
-        key(how=Effort(seed=2)),
+        key(seed=2),
     ]
-    assert key() == key()
-    assert len({key(), *others}) == 7
+    assert key() == plain
+    monkeypatch.setattr("reference.transport.MOST_SPP", 64)
+    assert len({plain, key(), *others}) == 6
+
+
+def test_what_is_stored_is_continued_to_the_pixels_that_one_sitting_gives(own_store, monkeypatch):
+    drawn = []
+    real = render.render_batches
+
+    def counted(scene, quantity, size, first, count, *rest):
+        drawn.append((first, count))
+        return real(scene, quantity, size, first, count, *rest)
+
+    monkeypatch.setattr(render, "render_batches", counted)
+    store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=Demand(0, batches=8))
+    grown, key = store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=Demand(0, batches=24))
+    assert drawn == [(0, 4), (4, 4), (8, 8), (16, 8)]
+    assert grown.batches == 24
+    (own_store / store.file_name(SCENE, DIRECT_RADIANCE, 16, key)).unlink()
+    whole, _ = store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=Demand(0, batches=24))
+    assert np.array_equal(grown.mean, whole.mean) and np.array_equal(grown.variance, whole.variance)
+    drawn.clear()
+    again, _ = store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=Demand(0, batches=16))
+    assert not drawn and again.batches == 24
+
+
+def test_a_render_that_was_interrupted_goes_on_where_it_was(own_store, monkeypatch):
+    real = render.render_batches
+
+    def torn(scene, quantity, size, first, *rest):
+        if first == 8:
+            raise KeyboardInterrupt
+        return real(scene, quantity, size, first, *rest)
+
+    monkeypatch.setattr(render, "render_batches", torn)
+    with pytest.raises(KeyboardInterrupt):
+        store.obtain(SCENE, DIRECT_RADIANCE, 16)
+    (path,) = own_store.iterdir()
+    assert store.load(path).batches == 8
+
+
+def test_growth_ends_at_the_resolution_asked_for_or_names_the_budget_that_was_spent():
+    first, _ = store.obtain(SCENE, RADIANCE, 16)
+    wanted = Demand(first.resolution() / 1.3)
+    enough, _ = store.obtain(SCENE, RADIANCE, 16, demand=wanted)
+    assert enough.resolution() <= wanted.resolution and wanted.verdict(enough) == "reached"
+    assert 16 < enough.batches <= 64
+    local = Demand(enough.resolution(8) / 1.2, tile=8, batches=32)
+    assert local.unmet(enough, 0.0) == (enough.batches < 32)
+    impossible = Demand(1e-9, batches=enough.batches)
+    assert impossible.verdict(enough) == "batches spent" and not impossible.unmet(enough, 0.0)
+    late = Demand(1e-9, seconds=1.0)
+    assert late.verdict(enough) == "time spent" and not late.unmet(enough, 2.0)
+
+
+@pytest.mark.parametrize("bad", [{"resolution": -1.0}, {"batches": 3}, {"seconds": 0}, {"tile": 0}])
+def test_a_demand_that_makes_no_sense_is_refused(bad):
+    with pytest.raises(BadInput, match="cannot ask for"):
+        Demand(**bad)
+
+
+def test_a_truth_of_another_mitsuba_is_named_used_and_rendered_anew_when_asked(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(render.mi, "__version__", "0.1.0")
+        store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=FEW)
+    heard = []
+    old, _ = store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=FEW, warn=heard.append)
+    assert old.provenance["mitsuba"] == "0.1.0"
+    assert "Mitsuba 0.1.0" in heard[0] and "--again" in heard[0]
+    new, _ = store.obtain(SCENE, DIRECT_RADIANCE, 16, demand=FEW, again=True)
+    assert new.provenance["mitsuba"] == render.mi.__version__
+
+
+def test_a_longer_truth_of_a_faster_process_is_left(truth, tmp_path, rng):
+    path = tmp_path / "t.exr"
+    store.save(path, truth, "k")
+    shorter = moments.from_batches(rng.normal(1, 0.1, size=(8, 12, 12, 3)))
+    store.save(path, shorter, "k", over_larger=False)
+    assert store.load(path).batches == 16
+    store.save(path, shorter, "k")
+    assert store.load(path).batches == 8
 
 
 def test_a_quantity_that_the_scene_lacks_is_refused_by_name():
@@ -133,7 +212,7 @@ def test_what_a_killed_writer_left_is_swept_and_a_living_one_left_alone(tmp_path
 
 def write(path):
     rng = np.random.default_rng(os.getpid())
-    truth = render.from_batches(rng.normal(1, 0.1, size=(16, 64, 64, 3)))
+    truth = moments.from_batches(rng.normal(1, 0.1, size=(16, 64, 64, 3)))
     for _ in range(10):
         store.save(path, truth, "k")
 
@@ -148,14 +227,3 @@ def test_two_processes_may_write_the_same_truth_at_once(tmp_path):
         w.join()
     assert store.load(path, "k").batches == 16
     assert [p.name for p in tmp_path.iterdir()] == ["t.exr"]
-
-
-def test_the_integrator_is_the_least_that_is_exact():
-    surfaces = {"type": "scene", "a": {"type": "sphere", "bsdf": {"type": "diffuse"}}}
-    masked = {"type": "scene", "a": {"type": "rectangle", "bsdf": {"type": "mask"}}}
-    fog = {"type": "scene", "a": {"type": "cube", "interior": {"type": "homogeneous"}}}
-    assert integrator(surfaces, RADIANCE)["type"] == "path"
-    assert integrator(surfaces, DIRECT_RADIANCE)["type"] == "direct"
-    assert integrator(masked, RADIANCE)["type"] == "volpath"
-    assert integrator(fog, SINGLE_SCATTERING) == {"type": "volpath", "max_depth": 2, "rr_depth": 100000}
-    assert integrator(fog, RADIANCE)["rr_depth"] == 100000

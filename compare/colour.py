@@ -1,0 +1,103 @@
+"""RGB rendering of spectral scenes, measured as a technique against their spectral truth.
+
+It is a reference renderer with its spectra cut to three channels, so it sees more than a technique may and
+is declared here instead of among `approximations`. Its image is a mean of independent frames: the errors are
+those of the limit that they have, freed of their noise, which is reported apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Annotated, Any
+
+import mitsuba as mi
+import numpy as np
+
+from approximations.contract import Sweep, Technique
+from compare import cost
+from compare.stochastic import frame_seeds
+from compare.task import SPECTRUM
+from reference.colour import Extinction
+from reference.moments import from_batches, join
+from reference.render import to_array
+from reference.spectral import load_rgb
+from reference.truth import Truth
+from scenes.contract import RADIANCE, Quantity, Scene, all_scenes
+
+FRAMES, MOST_FRAMES = 16, 256
+"""Independent frames behind an image, even numbers."""
+SAMPLER = "independent"
+"""At few samples a pixel `multijitter` is biased, since its permutations of few strata are not independent:
+at 4 by -0.9 % in a grey room and by +1.3 % in grey air."""
+SHOWN_NOISE = 0.1
+"""Pixel noise of an image whose figures are shown or judged, where MOST_FRAMES suffice for it."""
+COLOURLESS = {"ground"}
+"""Axes of spectral scenes along which no colour changes."""
+NOT_COUNTED = dict.fromkeys(("operations", "rays", "bytes", "kernels"))
+
+
+class Rendering(Technique):
+    """A renderer that is measured as a technique."""
+
+    theme = "colour"
+
+
+def rgb_rendering(
+    scene: Scene,
+    quantity: Quantity,
+    size: int,
+    *,
+    extinction: Extinction = "band",
+    spp: Annotated[int, Sweep(low=1, high=1024)] = 4,
+) -> Callable[[int], Any]:
+    """seed -> a frame (size, size, 3) in linear sRGB, W m^-2 sr^-1, of the scene in three channels.
+
+    Every spectrum becomes one linear sRGB value (`reference.colour`), and products of spectra products of
+    channels: exact for one interaction of white light with an unclipped colour, worse with each further one.
+    extinction: the rule for participating media. spp: samples a pixel of a frame.
+    """
+    loaded = load_rgb(scene, quantity, size, extinction, SAMPLER)
+    return lambda seed: mi.render(loaded, spp=spp, seed=seed)
+
+
+@cache
+def declared() -> Rendering:
+    """RGB rendering on every spectral scene, stressed along the axes that change its colours."""
+    scenes = tuple(s for s in all_scenes().values() if s.spectral)
+    return Rendering(
+        rgb_rendering,
+        source="C. F. Borges, Trichromatic approximation for computer graphics illumination models, "
+        "SIGGRAPH 1991",
+        covers=(),
+        estimates=RADIANCE,
+        on=scenes,
+        replaces="spectral rendering",
+        neglects=(SPECTRUM,),
+        stress={s.__name__: tuple(a for a in s.axes() if a not in COLOURLESS) for s in scenes},
+    )
+
+
+def sampled(
+    scene: Scene,
+    quantity: Quantity,
+    size: int,
+    settings: dict[str, Any],
+    seed: int,
+    noise: float = math.inf,
+) -> tuple[Truth, dict]:
+    """The mean of FRAMES frames, or of as many as the pixel noise takes, with its variance; the cost of one.
+    Its work is not counted: paths that have ended would be counted until the longest ends."""
+    draw, seeds = rgb_rendering(scene, quantity, size, **settings), frame_seeds(seed)
+
+    def frame() -> Any:
+        return draw(next(seeds))
+
+    def batches() -> Truth:
+        return from_batches(np.stack([to_array(frame()) for _ in range(FRAMES)]))
+
+    costs, estimate = cost.frame_cost(frame, size**2, NOT_COUNTED) | {"bake_ms": None}, batches()
+    while estimate.pixel_noise > noise and estimate.batches < MOST_FRAMES:
+        estimate = join(estimate, batches())
+    return estimate, costs

@@ -1,0 +1,83 @@
+"""Stored truths against renders made now: the mean pixel by pixel, and the variance that is claimed of it.
+
+BATCHES new batches with seeds of their own are drawn as the truth's were. If nothing changed, their mean has
+K / BATCHES times the stored variance, which K batches stand behind, so that few new samples suffice. The
+variance is tested as the ratio of the new batches' own, summed over the image, to the stored one, with the
+jackknife over TILES x TILES parts of the image; storing rounds standard errors to 3 %, which shifts no sum by
+more than `ROUNDING`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from reference import store
+from reference.render import batch_seed, sample
+from reference.transport import transport
+from reference.truth import Truth
+from reference.verify.agreement import Sampled
+from reference.verify.checks import Comparison
+from scenes.contract import QUANTITIES, BadInput, Scene, make_scene
+
+BATCHES = 4
+FIRST = 1_000_000
+"""No truth has so many batches."""
+TILES = 8
+ROUNDING = 0.01
+
+
+def question(about: dict) -> tuple[Scene, object, int]:
+    """The scene, quantity and size that a stored truth answers. Raises BadInput for a scene that is gone."""
+    try:
+        return make_scene(about["scene"], about["fields"]), QUANTITIES[about["quantity"]], about["size"]
+    except KeyError as error:
+        raise BadInput(f"the file does not say what it answers ({error} is missing): prune it") from error
+
+
+def is_current(path: Path, about: dict) -> bool:
+    """Whether today's code would look for this file under this name."""
+    try:
+        scene, quantity, size = question(about)
+        key = store.truth_key(scene, quantity, size, about["seed"])
+    except (BadInput, KeyError):
+        return False
+    return about.get("key") == key and path.name == store.file_name(scene, quantity, size, key)
+
+
+def rendered_again(truth: Truth, seed: int) -> list[Comparison]:
+    """Comparisons of a stored truth's mean and variance with BATCHES new batches."""
+    about = truth.provenance
+    scene, quantity, size = question(about)
+    draw, spp = sample(scene, quantity, size), transport(scene.mitsuba(size), quantity, size).spp
+    new = np.stack([draw(spp, batch_seed(seed, FIRST + k)) for k in range(BATCHES)])
+    new = new[..., : truth.mean.shape[2]]
+    per_batch = truth.variance * truth.batches
+    name = f"{about['scene']} {about['quantity']} {size}"
+    return [
+        Comparison(
+            f"{name}: mean",
+            Sampled(new.mean(axis=0), per_batch / BATCHES, truth.batches),
+            Sampled(truth.mean, truth.variance, truth.batches),
+        ),
+        variance_ratio(f"{name}: variance", new.var(axis=0, ddof=1), per_batch),
+    ]
+
+
+def variance_ratio(label: str, new: np.ndarray, stored: np.ndarray) -> Comparison:
+    """Sum of new variances over sum of stored ones, against 1."""
+    height, width = new.shape[:2]
+    parts = [
+        (new[y][:, x].sum(), stored[y][:, x].sum())
+        for y in np.array_split(np.arange(height), TILES)
+        for x in np.array_split(np.arange(width), TILES)
+    ]
+    a, b = np.array(parts).T
+    if b.sum() == 0:
+        return Comparison(label, Sampled.exact(1.0 + a.sum()), Sampled.exact(1.0), within=ROUNDING)
+    left_out = (a.sum() - a) / np.maximum(b.sum() - b, 1e-300)
+    n = len(parts)
+    variance = (n - 1) / n * ((left_out - left_out.mean()) ** 2).sum()
+    ratio = Sampled(np.array(a.sum() / b.sum()), np.array(variance), n)
+    return Comparison(label, ratio, Sampled.exact(1.0), within=ROUNDING)
