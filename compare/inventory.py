@@ -5,9 +5,8 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from approximations.contract import all_techniques
 from compare import gate
-from compare.task import PROFILES, plan
+from compare.task import PROFILES, all_measured, plan
 from reference import store
 from reference.store import DamagedTruth
 from reference.truth import has_closed_form
@@ -19,7 +18,7 @@ from scenes.contract import QUANTITIES
 def users() -> dict[str, tuple[str, ...]]:
     """Name of the file of every truth that a profile or a threshold asks for -> the techniques held
     against it ("path_tracer" among them)."""
-    techniques = list(all_techniques().values())
+    techniques = list(all_measured().values())
     tasks = [t for profile in PROFILES.values() for t in plan(techniques, profile)]
     tasks += gate.tasks(gate.load_thresholds(), techniques)
     found: dict[str, dict[str, None]] = {}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from approximations.contract import all_techniques
 from compare.gate import load_thresholds
+from compare.task import all_measured
 from scenes.contract import all_scenes
 
 
@@ -18,7 +18,7 @@ def list_techniques() -> list[dict]:
             "knobs": {k: default for k, (_, default) in t.knobs().items()},
             "source": t.source,
         }
-        for t in all_techniques().values()
+        for t in all_measured().values()
     ]
 
 
@@ -42,10 +42,9 @@ def list_scenes() -> list[dict]:
 
 def list_sources() -> list[dict]:
     """One row per catalog id that a technique covers."""
-
     thresholds = load_thresholds()
     found: dict[str, dict] = {}
-    for t in all_techniques().values():
+    for t in all_measured().values():
         for section in t.covers:
             row = found.setdefault(section, {"id": section, "techniques": [], "scenes": [], "thresholds": 0})
             row["techniques"].append(t.name)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from approximations.contract import Technique, all_techniques, find_technique
+from approximations.contract import Technique
 from compare import gate
-from compare.task import PATH_TRACER, PROFILES, Task, merge, plan
+from compare.task import PATH_TRACER, PROFILES, Task, all_measured, find_measured, merge, plan
 from reference.store import ENOUGH, Demand
 from reference.truth import has_closed_form
 from scenes.contract import QUANTITIES, BadInput, Quantity, Scene, find_scene, make_scene, parse_text, unknown
@@ -16,10 +16,10 @@ Question = tuple[Scene, Quantity, int]
 
 def select(names: list[str] | None, theme: str | None) -> list[Technique]:
     """The techniques named, of a theme, or all. Raises BadInput for unknown ones."""
-    chosen = [find_technique(n) for n in names] if names else list(all_techniques().values())
+    chosen = [find_measured(n) for n in names] if names else list(all_measured().values())
     if theme is None:
         return chosen
-    themes = {t.theme for t in all_techniques().values()}
+    themes = {t.theme for t in all_measured().values()}
     if theme not in themes:
         raise unknown("theme", theme, themes)
     return [t for t in chosen if t.theme == theme]
@@ -87,7 +87,7 @@ def profile_questions(scenes: list[str], profile: str) -> list[Question]:
     if profile not in PROFILES:
         raise unknown("profile", profile, PROFILES)
     found: dict[tuple, Question] = {}
-    for task in technique_tasks(list(all_techniques().values()), profile):
+    for task in technique_tasks(list(all_measured().values()), profile):
         scene = task.make_scene()
         if wanted and type(scene) not in wanted:
             continue

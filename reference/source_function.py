@@ -15,6 +15,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import exprel
 
 from reference import transport
+from reference.render import batch_seed
 from reference.truth import closed_form, sampler
 from scenes.cloud import CloudSlab, CloudSphere, SunlitCloud
 from scenes.contract import SINGLE_SCATTERING, SOURCE_FUNCTION, View
@@ -38,7 +39,7 @@ def source_function(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndar
     for first in range(0, spp, chunk):
         n = min(chunk, spp - first)
         random = mi.load_dict({"type": "independent"})
-        random.seed((seed << 12) + first // chunk, size * size * n)
+        random.seed(batch_seed(seed, first // chunk), size * size * n)
         lane = dr.arange(mi.UInt32, size * size * n) // n
         met = dr.zeros(mi.MediumInteraction3f, size * size * n)
         met.p = dr.gather(mi.Point3f, point, lane)

@@ -21,7 +21,7 @@ from approximations.contract import Technique
 from compare.gate import ASSUMPTIONS, Verdict, describe, judge, load_thresholds
 from compare.run import path_tracer_curve, records
 from compare.summary import cost_at_error, error_at_cost, interval_text
-from compare.task import PATH_TRACER
+from compare.task import PATH_TRACER, all_measured
 from reference.verify import run as verification
 from scenes.contract import QUANTITIES, SCENES, BadInput, Scene
 
@@ -72,7 +72,6 @@ def declarations() -> tuple[dict[str, Technique], dict[str, type[Scene]], str]:
     """Techniques and scenes as declared, and why they cannot be had where this machine has no device."""
     import mitsuba
 
-    from approximations.contract import all_techniques
     from reference.toolchain import use_device
     from scenes.contract import all_scenes
 
@@ -80,7 +79,7 @@ def declarations() -> tuple[dict[str, Technique], dict[str, type[Scene]], str]:
         if mitsuba.variant() is None:
             use_device("cpu")
         all_scenes()
-        return all_techniques(), SCENES, ""
+        return all_measured(), SCENES, ""
     except BadInput as error:
         return {}, {}, str(error)
 
