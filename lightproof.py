@@ -133,6 +133,51 @@ def compare(
 
 
 @app.command()
+def needs(
+    scene: str,
+    tolerance: Annotated[str, typer.Option(help="metric=largest loss, such as rmse=0.05")],
+    settings: Sets = None,
+    size: Annotated[int, typer.Option(min=8, max=1024, help="pixels along a side")] = 64,
+    seed: Annotated[int, typer.Option(min=1, max=10**6)] = 1,
+    batches: Annotated[int, typer.Option(min=4, help="batches that an image may grow to")] = 256,
+    seconds: Annotated[float, typer.Option(help="time for all of it")] = 60.0,
+    folder: Annotated[Path | None, typer.Option("--out", help="folder of the chart")] = None,
+    device: Device = "auto",
+    as_json: Json = False,
+) -> None:
+    """The least light transport that a scene needs: what it loses with each thing that is dropped."""
+    prepare(device, None)
+    from compare import needs as question
+    from compare.selection import pairs
+    from reports.needs_chart import save
+    from scenes.contract import make_scene
+
+    [(metric, limit)] = pairs([tolerance], "--tolerance").items()
+    with progress() as bar:
+        line = bar.add_task("starting", total=None)
+        answer = question.needs(
+            make_scene(scene, pairs(settings, "--set")),
+            metric,
+            limit,
+            size=size,
+            seed=seed,
+            batches=batches,
+            seconds=seconds,
+            report=lambda what, done, total: bar.update(line, description=what, completed=done, total=total),
+        )
+    _, picture = save(answer, folder or Path("runs/needs") / scene)
+    if as_json:
+        show(answer, True)
+    else:
+        show(question.table(answer), False)
+        absent = ", ".join(answer["nothing_to_drop"]) or "none"
+        said = (question.sentence(answer), f"nothing to drop: {absent}")
+        out.print(*said, sep="\n", highlight=False, markup=False, soft_wrap=True)
+    say(f"chart: {picture}")
+    raise typer.Exit(question.exit_code(answer))
+
+
+@app.command()
 def report(
     folder: RunFolder = Path("runs/quick"),
     target: Annotated[Path | None, typer.Option("--out", help="folder of the page")] = None,

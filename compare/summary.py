@@ -92,7 +92,7 @@ def overview(records: list[dict]) -> list[dict]:
                 "flip": interval_text(e["flip"]) if "flip" in e else "",
                 "frame ms": f"{ms:.3g}",
                 "bake ms": f"{c['bake_ms']:.3g}" if c["bake_ms"] is not None else "",
-                "op/px": f"{c['operations_per_pixel']:.0f}",
+                "op/px": "" if c["operations_per_pixel"] is None else f"{c['operations_per_pixel']:.0f}",
                 "path tracer, same ms": f"{100 * instead:.3g} %" if instead else "",
                 "path tracer, same error": f"{needed / ms:.3g} x ms" if needed else "",
                 "findings": ", ".join(f["kind"] for f in r["findings"]),

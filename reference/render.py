@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from reference.entry import starts_inside
 from reference.moments import Moments, from_batches
 from reference.toolchain import other_variant, spectral_twin
 from reference.transport import Transport, transport
@@ -44,7 +45,8 @@ def load_description(description: dict, how: Transport) -> mi.Scene:
     """
     sampler = {"type": how.sampler, "sample_count": how.spp}
     sensor = {**description["sensor"], "sampler": sampler}
-    whole = {**description, "sensor": sensor, "integrator": how.integrator}
+    follow = starts_inside(how.integrator) if how.starts_inside else how.integrator
+    whole = {**description, "sensor": sensor, "integrator": follow}
     return mi.load_dict(whole, optimize=False)
 
 

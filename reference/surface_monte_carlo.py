@@ -145,13 +145,14 @@ def blocked(known: list[tuple[Shape, float]], o: np.ndarray, w: np.ndarray) -> n
 
 
 def eye_rays(
-    sensor: dict, size: int, samples: int, rng: np.random.Generator
+    sensor: dict, size: int, samples: int = 1, rng: np.random.Generator | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Origins and unit directions (3, size^2 samples) of a perspective or orthographic camera's dictionary:
-    `samples` rays uniform over each pixel, pixels row by row from the top."""
+    `samples` rays uniform over each pixel, or through its centre without rng; row by row from the top."""
     to_world = np.array(sensor["to_world"].matrix, np.float64)
     pixel = np.repeat(np.arange(size * size), samples)
-    x, y = (1 - 2 * (i + rng.random(len(pixel))) / size for i in (pixel % size, pixel // size))
+    jitter = np.full((2, len(pixel)), 0.5) if rng is None else rng.random((2, len(pixel)))
+    x, y = 1 - 2 * (np.stack([pixel % size, pixel // size]) + jitter) / size
     if sensor["type"] == "perspective":
         edge = math.tan(0.5 * math.radians(sensor["fov"]))
         o, w = np.zeros((3, len(pixel))), np.stack([edge * x, edge * y, np.ones_like(x)])

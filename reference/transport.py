@@ -28,16 +28,18 @@ SPENT = 0.05
 LANES = {"surfaces": 1 << 20, "thin media": 1 << 18, "clouds": 1 << 16}
 """Paths in one batch: enough to fill the cores, few enough that 16 batches of the smallest image are not
 more than it needs."""
-LEAST_SPP, MOST_SPP = 16, 256
+LEAST_SPP, MOST_SPP = 64, 256
 
 
 @dataclass(frozen=True)
 class Transport:
-    """integrator: Mitsuba's dictionary. sampler: name of the plugin. spp: samples a pixel in a batch."""
+    """integrator: Mitsuba's dictionary. sampler: name of the plugin. spp: samples a pixel in a batch.
+    starts_inside: whether camera rays begin below the interface of the medium that they enter."""
 
     integrator: dict
     sampler: str
     spp: int
+    starts_inside: bool = False
 
     def plain(self) -> dict:
         """As JSON data."""
@@ -49,7 +51,10 @@ def transport(description: dict, quantity: Quantity, size: int) -> Transport:
 
     Sampler: `multijitter`, whose 2D stratification makes area lights, skies and pixel areas 10 to 60 times as
     efficient on surfaces and 1.5 times in fog. In clouds the first dimensions decide nothing, so that
-    `independent` is as good and 10 % cheaper. `ldsampler` is not unbiased (-2.6 % in a valley).
+    `independent` is as good and 10 % cheaper. `multijitter` is biased below LEAST_SPP samples a pixel (-0.6 %
+    at 16 in a closed room, within 0.03 % of none at 64 and 256), `ldsampler` always (-2.6 % in a valley).
+
+    Rays start inside a medium that the camera sees from outside: see `reference.entry`.
 
     Batches: LANES paths, and a square number of samples a pixel, as the strata want it.
     """
@@ -58,7 +63,10 @@ def transport(description: dict, quantity: Quantity, size: int) -> Transport:
         kind = "thin media" if reflects(description) else "clouds"
     strata = round(math.sqrt(min(max(LANES[kind] / size**2, LEAST_SPP), MOST_SPP)))
     return Transport(
-        integrator(description, quantity), "independent" if kind == "clouds" else "multijitter", strata**2
+        integrator(description, quantity),
+        "independent" if kind == "clouds" else "multijitter",
+        strata**2,
+        starts_inside=kind != "surfaces" and "medium" not in description.get("sensor", {}),
     )
 
 

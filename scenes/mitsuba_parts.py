@@ -11,6 +11,7 @@ import mitsuba as mi
 from scenes.contract import Camera, Surface
 
 SUN_DISTANCE = 1e5  # m: parallax across a scene of a few metres stays under 1e-4 rad
+SMALL_SUN = 0.02  # rad
 
 
 def direction(elevation_deg: float, azimuth_deg: float = 0.0) -> list[float]:
@@ -58,12 +59,21 @@ def orthographic(origin: list[float], target: list[float], half_width: float, si
 
 
 def round_sun(toward: list[float], angular_radius: float, irradiance: float) -> dict:
-    """A far sphere that subtends angular_radius and gives `irradiance` to a surface that faces it."""
+    """A far round light that subtends angular_radius (rad) and gives `irradiance` to a surface that faces it.
+
+    A sphere, whose solid angle Mitsuba samples evenly; a disk below SMALL_SUN, where that sampling runs out
+    of float32 digits and gives 0.14 % too much light at 5 mrad and 7 % at 1 mrad.
+    """
+    centre = [SUN_DISTANCE * x for x in toward]
+    if angular_radius < SMALL_SUN:
+        up = [0, 0, 1] if abs(toward[2]) < 0.9 else [0, 1, 0]
+        facing = mi.ScalarTransform4f().look_at(centre, [0, 0, 0], up)
+        shape = {"type": "disk", "to_world": facing.scale(SUN_DISTANCE * math.tan(angular_radius))}
+    else:
+        shape = {"type": "sphere", "center": centre, "radius": SUN_DISTANCE * math.sin(angular_radius)}
     radiance = irradiance / (math.pi * math.sin(angular_radius) ** 2)
     return {
-        "type": "sphere",
-        "center": [SUN_DISTANCE * x for x in toward],
-        "radius": SUN_DISTANCE * math.sin(angular_radius),
+        **shape,
         "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
         "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance}},
     }

@@ -79,7 +79,7 @@ def chandrasekhar_h(seed: int) -> list[Comparison]:
     nodes, weights, h = h_function()
     at = 1 / (weights * nodes * h / (cosines[:, None] + nodes)).sum(axis=1) * 2
     q = np.sqrt(3) / 2 * (weights * nodes**2 * h).sum()
-    pairs = [(1.0, 1.0), (0.5, 0.5), (0.2, 1.0), (1.0, 0.1)]
+    pairs = [(1.0, 1.0), (0.2, 1.0), (0.5, 0.1)]
     law = np.array([reflected(mu, mu0) for mu, mu0 in pairs])
     rng = np.random.default_rng(seed)
     walked = [[walked_reflection(mu, mu0, rng) for mu, mu0 in pairs] for _ in range(BATCHES)]

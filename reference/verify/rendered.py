@@ -20,7 +20,7 @@ BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 
 def rendered(description: dict, size: int, batches: int, seed: int) -> np.ndarray:
     """Independent batches (K, size, size, 1), of radiance, or of irradiance where there is a meter."""
-    how = transport(description, RADIANCE, size)
+    how = transport({"sensor": {}, **description}, RADIANCE, size)
     loaded = load(description, size, how)
     drawn = [to_array(mi.render(loaded, spp=how.spp, seed=batch_seed(seed, k))) for k in range(batches)]
     return np.stack(drawn)[..., :1]
@@ -83,4 +83,4 @@ def pixel_points(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def pixel_means(function, size: int) -> Sampled:
     """The exact image (size, size, 1) of f(x, y) on [-1, 1]^2."""
     x, y, weights = pixel_points(size)
-    return Sampled.exact((function(x, y) @ weights)[..., None])
+    return Sampled.exact((function(x, y) * weights).sum(axis=-1, keepdims=True))

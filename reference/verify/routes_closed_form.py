@@ -22,7 +22,7 @@ from reference.render import load_description, to_array, variant_of
 from reference.source_function import once_scattered_by_slab, once_scattered_by_sphere
 from reference.surface_monte_carlo import eye_rays, first_hits, shapes
 from reference.toolchain import other_variant
-from reference.transport import Transport, transport
+from reference.transport import transport
 from reference.verify.agreement import FLOAT32, Sampled
 from reference.verify.checks import Comparison, check
 from reference.verify.routes import BATCHES, SIZE, name, seeds
@@ -38,13 +38,13 @@ HEMISPHERE = np.array(0.5 * np.pi)
 
 
 def through_centres(
-    scene: Scene, description: dict, quantity: Quantity, drawn: range, samples: int
+    scene: Scene, description: dict, quantity: Quantity, drawn: tuple[int, ...], samples: int
 ) -> Sampled:
     """What Mitsuba's integrator sees along the sensor's rays through the centres of SIZE x SIZE pixels, in
     linear sRGB (SIZE, SIZE, 3), `samples` times for each seed."""
-    chosen = transport(description, quantity, SIZE).integrator
+    how = replace(transport(description, quantity, SIZE), sampler="independent", spp=samples)
     with other_variant(variant_of(scene)):
-        loaded = load_description(description, Transport(chosen, "independent", samples))
+        loaded = load_description(description, how)
         return Sampled.of([_centres(loaded, samples, s) for s in drawn])
 
 
@@ -83,24 +83,12 @@ def compared(
 
 def parallax(scene: Sunlit) -> np.ndarray:
     """`within` (SIZE, SIZE, 1) of a scene's direct radiance; see the head of the module."""
-    o, w = centre_rays(scene.sensor(SIZE))
+    o, w = eye_rays(scene.sensor(SIZE), SIZE)
     t, _, rho = first_hits(shapes(scene.surfaces()), o, w)
     reach = np.where(np.isfinite(t), np.linalg.norm(o + np.where(np.isfinite(t), t, 0) * w, axis=0), 0)
     sun = scene.sun_irradiance / (math.pi * math.sin(scene.light_radius) ** 2)
     shift = rho / math.pi * abs(sun - scene.sky) * 2 * math.sin(scene.light_radius) * reach / SUN_DISTANCE
     return shift.reshape(SIZE, SIZE, 1)
-
-
-class _Middle:
-    """A source of numbers that are all one half."""
-
-    def random(self, n: int) -> np.ndarray:
-        return np.full(n, 0.5)
-
-
-def centre_rays(sensor: dict) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and directions (3, SIZE^2) through pixel centres."""
-    return eye_rays(sensor, SIZE, 1, _Middle())
 
 
 @check(
@@ -131,7 +119,7 @@ def sphere_over_plane(scene: SphereOverPlane) -> np.ndarray:
         E_all = pi - n . Phi(B H),   E_sun = n . [Phi(c H) - Phi(c B H)],
         L     = rho / pi [L_sky E_all + (L_sun - L_sky) E_sun].
     """
-    o, w = centre_rays(scene.sensor(SIZE))
+    o, w = eye_rays(scene.sensor(SIZE), SIZE)
     t, n, rho = first_hits(shapes(scene.surfaces()), o, w)
     met = np.isfinite(t)
     p, n = (o + np.where(met, t, 0) * w).T, np.where(met, n, [[0.0], [0.0], [1.0]]).T
@@ -252,9 +240,11 @@ def voxels(scene: FogOverGround) -> float:
     scenes=("CloudSlab", "CloudSphere"),
 )
 def once_scattered_against_volpath(seed: int) -> list[Comparison]:
-    """Layer from above and from below, ball lit from the side and from behind."""
+    """Layer from above, also with the sun at 2 degrees, which lights its skin alone (`reference.entry`);
+    layer from below; ball lit from the side and from behind."""
     cases = [
         (CloudSlab(optical_depth=4.0, g=0.5), once_scattered_by_slab),
+        (CloudSlab(optical_depth=32.0, g=0.0, sun_elevation=2.0), once_scattered_by_slab),
         (CloudSlab(optical_depth=2.0, g=0.5, seen="below"), once_scattered_by_slab),
         (CloudSphere(optical_depth=4.0), once_scattered_by_sphere),
         (CloudSphere(optical_depth=2.0, sun_angle=150.0, albedo=0.9), once_scattered_by_sphere),

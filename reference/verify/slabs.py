@@ -22,6 +22,7 @@ from scenes.mitsuba_parts import uniform_sky
 
 HOPF = 0.710446
 EXTRAPOLATION = 0.005
+BATCHES = 32
 WIDE = 1000.0
 """Half width over height: less than 1e-6 of the light comes or goes by the sides."""
 
@@ -64,7 +65,7 @@ def spread_of_theory(reduced: float) -> float:
 
 def transmittances(slabs: list[tuple[float, float]], seed: int) -> Sampled:
     """Shares of a uniform sky's light that pass conservative slabs of (tau, g), one number each."""
-    found = [mean_of(over_meter(slab(tau, g)), 8, 32, seed) for tau, g in slabs]
+    found = [mean_of(over_meter(slab(tau, g)), 8, BATCHES, seed) for tau, g in slabs]
     return joined(found, 1 / np.pi)
 
 
