@@ -452,9 +452,12 @@ def scenes_export(
     from scenes.contract import make_scene
     from scenes.export import export
 
-    description = make_scene(name, pairs(settings, "--set")).mitsuba(size)
+    scene = make_scene(name, pairs(settings, "--set"))
+    description = scene.mitsuba(size)
     whole = {**description, "integrator": integrator(description, QUANTITIES["radiance"])}
     out.print(str(export(whole, folder, name)), soft_wrap=True)
+    if scene.spectral:
+        say("its colours are spectra: render it with a spectral variant")
 
 
 def prepare(device: str, plugins: list[Path] | None) -> str:

@@ -43,6 +43,7 @@ DEPTH_ORDER = Assumption("depth order", "layers are composited in the order of a
 NUMBER_FORMAT = Assumption("number format", "rounding, range or cancellation of the numbers stored")
 CAPACITY = Assumption("capacity", "what does not fit a fixed array is dropped")
 PRINTED_SLIP = Assumption("slip in print", "the formula as it stands in print, which is wrong")
+SPECTRUM = Assumption("spectrum", "three channels stand for all wavelengths")
 SAMPLING = Assumption("sampling", "too few samples of an integral")
 
 

@@ -15,10 +15,9 @@ from typing import Annotated, Any
 import mitsuba as mi
 import numpy as np
 
-from approximations.contract import Sweep, Technique
+from approximations.contract import SPECTRUM, Sweep, Technique
 from compare import cost
 from compare.stochastic import frame_seeds
-from compare.task import SPECTRUM
 from reference.colour import Extinction
 from reference.moments import from_batches, join
 from reference.render import to_array
@@ -35,7 +34,6 @@ SHOWN_NOISE = 0.1
 """Pixel noise of an image whose figures are shown or judged, where MOST_FRAMES suffice for it."""
 COLOURLESS = {"ground"}
 """Axes of spectral scenes along which no colour changes."""
-NOT_COUNTED = dict.fromkeys(("operations", "rays", "bytes", "kernels"))
 
 
 class Rendering(Technique):
@@ -97,7 +95,7 @@ def sampled(
     def batches() -> Truth:
         return from_batches(np.stack([to_array(frame()) for _ in range(FRAMES)]))
 
-    costs, estimate = cost.frame_cost(frame, size**2, NOT_COUNTED) | {"bake_ms": None}, batches()
+    costs, estimate = cost.frame_cost(frame, size**2, cost.NOT_COUNTED) | {"bake_ms": None}, batches()
     while estimate.pixel_noise > noise and estimate.batches < MOST_FRAMES:
         estimate = join(estimate, batches())
     return estimate, costs

@@ -29,6 +29,9 @@ VECTOR_ACCESS = re.compile(
 )
 BYTES = {"float": 4, "double": 8, "half": 2, "i1": 1, "i8": 1, "i16": 2, "i32": 4, "i64": 8, "ptr": 8}
 
+NOT_COUNTED = dict.fromkeys(("operations", "rays", "bytes", "kernels"))
+"""Work where nothing counts it."""
+
 
 def kernels() -> list[dict]:
     """What ran since the last call."""

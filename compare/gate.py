@@ -22,11 +22,11 @@ from typing import Any
 from approximations import contract
 from approximations.contract import Technique
 from compare.metrics import MEANS
-from compare.task import PROFILES, ROOT, SPECTRUM, Task, find_measured, quantities_on
+from compare.task import PROFILES, ROOT, Task, find_measured, quantities_on
 from scenes.contract import QUANTITIES, BadInput, find_scene, make_scene, unknown
 
 THRESHOLDS = ROOT / "thresholds.toml"
-ASSUMPTIONS = {a.name: a for a in (*vars(contract).values(), SPECTRUM) if isinstance(a, contract.Assumption)}
+ASSUMPTIONS = {a.name: a for a in vars(contract).values() if isinstance(a, contract.Assumption)}
 
 
 @dataclass(frozen=True)

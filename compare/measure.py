@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import time
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from compare.task import PATH_TRACER, RGB_RENDERING, Task, find_measured, fine_s
 from reference import store
 from reference.store import ENOUGH, Demand
 from reference.toolchain import other_variant
+from reference.transport import transport
 from reference.truth import Truth, box_filter
 from scenes.contract import QUANTITIES, BadInput, Quantity, Scene, View
 
@@ -312,9 +314,6 @@ def save_image(folder: Path, name: str, image: np.ndarray) -> str:
     return f"images/{name}"
 
 
-NOT_COUNTED = dict.fromkeys(("operations", "rays", "bytes", "kernels"))
-
-
 @lru_cache(maxsize=16)
 def path_tracer_work(scene: Scene, quantity: Quantity, size: int) -> dict:
     """Work of one sample per pixel, an upper bound: paths that have ended are still counted until the
@@ -325,14 +324,15 @@ def path_tracer_work(scene: Scene, quantity: Quantity, size: int) -> dict:
     from reference.transport import MEDIA, plugin_types
 
     if plugin_types(scene.mitsuba(size)) & MEDIA:
-        return NOT_COUNTED
+        return cost.NOT_COUNTED
     with other_variant(variant_of(scene)):
         loaded = load_scene(scene, quantity, size)
         return cost.work(lambda: mi.render(loaded, spp=1, seed=0))
 
 
 def measure_path_tracer(task: Task, folder: Path) -> dict:
-    """The reference integrator at a few samples per pixel, as if it were a technique.
+    """The reference integrator at a few samples per pixel, as if it were a technique. Its sampler is
+    `independent`, which is unbiased at so few.
 
     The frames that are timed, and the first one, are the independent images that are judged. Work is
     counted at one sample per pixel and grows with the samples.
@@ -347,8 +347,9 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     truth, tkey = obtain(scene, quantity, task.size, task.demand)
     about = describe_truth(scene, quantity, task, folder, truth, tkey, task.demand)
     variant = variant_of(scene)
+    how = replace(transport(scene.mitsuba(task.size), quantity, task.size), sampler="independent")
     with other_variant(variant):
-        loaded = load_scene(scene, quantity, task.size)
+        loaded = load_scene(scene, quantity, task.size, how)
     seeds = stochastic.frame_seeds(task.seed)
     images = []
 

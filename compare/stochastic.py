@@ -15,25 +15,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
 from compare import metrics
 from compare.statistics import Estimate, interval, mse, quadratic, root
+from reference.render import batch_seed
 from reference.truth import Truth
 from scenes.contract import Quantity
 
+FIRST_FRAME = 2_000_000
+
 
 def frame_seeds(seed: int) -> Iterator[int]:
-    """Seeds of independent frames, scattered over 32 bits.
-
-    Mitsuba 3.9.1 seeds a pixel's strata in `multijitter` by seed + index of its first sample, so that at n
-    samples a pixel the frame of seed + n is mostly that of seed, shifted by a pixel: the mean of frames with
-    seeds in a row has noise that is smeared along the rows (correlation 0.3 to 0.6 between neighbours).
-    """
-    rng = np.random.default_rng(seed)
-    while True:
-        yield int(rng.integers(2**32))
+    """Seeds of independent frames, which no truth has."""
+    return (batch_seed(seed, FIRST_FRAME + k) for k in count())
 
 
 def errors(

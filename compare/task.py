@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from approximations.contract import Assumption, Technique, all_techniques
+from approximations.contract import Technique, all_techniques
 from reference.store import ENOUGH, Demand
 from reference.transport import MEDIA, plugin_types
 from scenes.contract import (
@@ -26,7 +26,6 @@ from scenes.contract import (
 
 PATH_TRACER = "path_tracer"
 RGB_RENDERING = "rgb_rendering"
-SPECTRUM = Assumption("spectrum", "three channels stand for all wavelengths")
 ROOT = Path(__file__).resolve().parents[1]
 
 
