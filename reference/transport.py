@@ -28,7 +28,8 @@ SPENT = 0.05
 LANES = {"surfaces": 1 << 20, "thin media": 1 << 18, "clouds": 1 << 16}
 """Paths in one batch: enough to fill the cores, few enough that 16 batches of the smallest image are not
 more than it needs."""
-LEAST_SPP, MOST_SPP = 64, 256
+LEAST_SPP = {"multijitter": 64, "independent": 16}
+MOST_SPP = 256
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ def transport(description: dict, quantity: Quantity, size: int) -> Transport:
 
     Sampler: `multijitter`, whose 2D stratification makes area lights, skies and pixel areas 10 to 60 times as
     efficient on surfaces and 1.5 times in fog. In clouds the first dimensions decide nothing, so that
-    `independent` is as good and 10 % cheaper. `multijitter` is biased below LEAST_SPP samples a pixel (-0.6 %
-    at 16 in a closed room, within 0.03 % of none at 64 and 256), `ldsampler` always (-2.6 % in a valley).
+    `independent` is as good and 10 % cheaper. `multijitter` is biased below 64 samples a pixel (-0.6 % at
+    16 in a closed room, within 0.03 % of none at 64 and 256), `ldsampler` always (-2.6 % in a valley).
 
     Rays start inside a medium that the camera sees from outside: see `reference.entry`.
 
@@ -61,10 +62,11 @@ def transport(description: dict, quantity: Quantity, size: int) -> Transport:
     kind = "surfaces"
     if any(least_albedo(m) > 0 for m in media(description)):
         kind = "thin media" if reflects(description) else "clouds"
-    strata = round(math.sqrt(min(max(LANES[kind] / size**2, LEAST_SPP), MOST_SPP)))
+    sampler = "independent" if kind == "clouds" else "multijitter"
+    strata = round(math.sqrt(min(max(LANES[kind] / size**2, LEAST_SPP[sampler]), MOST_SPP)))
     return Transport(
         integrator(description, quantity),
-        "independent" if kind == "clouds" else "multijitter",
+        sampler,
         strata**2,
         starts_inside=kind != "surfaces" and "medium" not in description.get("sensor", {}),
     )

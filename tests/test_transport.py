@@ -78,7 +78,7 @@ def test_an_albedo_that_varies_is_never_cut():
 def test_batches_are_square_and_bounded(cls, size):
     how = transport(cls().mitsuba(size), RADIANCE, size)
     assert math.isqrt(how.spp) ** 2 == how.spp
-    assert rules.LEAST_SPP <= how.spp <= rules.MOST_SPP
+    assert rules.LEAST_SPP[how.sampler] <= how.spp <= rules.MOST_SPP
 
 
 @pytest.mark.parametrize(
