@@ -167,13 +167,12 @@ def needs(
         )
     _, picture = save(answer, folder or Path("runs/needs") / scene)
     if as_json:
-        show(answer, True)
+        show(answer | {"chart": str(picture)}, True)
     else:
         show(question.table(answer), False)
         absent = ", ".join(answer["nothing_to_drop"]) or "none"
         said = (question.sentence(answer), f"nothing to drop: {absent}")
-        out.print(*said, sep="\n", highlight=False, markup=False, soft_wrap=True)
-    say(f"chart: {picture}")
+        out.print(*said, f"chart: {picture}", sep="\n", highlight=False, markup=False, soft_wrap=True)
     raise typer.Exit(question.exit_code(answer))
 
 
