@@ -11,10 +11,11 @@ where 10 % were asked for).
 `within` is a difference that is no error: float32 rounding, or half a unit of a printed table's last digit.
 
 Images are tested pixel by pixel and as sums over blocks of BLOCKS pixels a side and over the whole image,
-each channel apart: fine blocks find structure (a shifted grid), coarse ones bias (1 % of the energy). The
-smallest p-value is held against the significance over the number of tests (Sidak), so that the family of
-all of them raises a false alarm with at most that probability. Other arrays are lists of numbers that are
-tested one by one.
+each channel apart: fine blocks find structure (a shifted grid), coarse ones bias (1 % of the energy). Every
+size of block gets an equal part of the significance, and every block of that size an equal part of that
+(Sidak), so that the family of all of them raises a false alarm with at most the significance, and a few tests
+of the whole are not drowned in thousands of pixels. Other arrays are lists of numbers that are tested one by
+one.
 
 Power: a relative error of (t_crit + 1.645) sqrt(V_a + V_b) / B is found with probability 95 %, t_crit being
 the quantile that the family's significance asks for. `catches` states it for an error that is the same
@@ -39,12 +40,15 @@ FLOAT32 = 1e-5
 class Sampled:
     """An answer with its noise: mean, variance of that mean (same shape), independent batches (0 = exact).
 
-    An image has shape (H, W, C); any other shape is a list of numbers.
+    An image has shape (H, W, C); any other shape is a list of numbers. observed: another estimate of the
+    variance, from this answer's own batches where `variance` comes from elsewhere. The larger of both counts,
+    in each block anew: where paths are rare and bright, a few batches that none of them hit know no noise.
     """
 
     mean: np.ndarray
     variance: np.ndarray
     batches: int
+    observed: np.ndarray | None = None
 
     @classmethod
     def exact(cls, value) -> Sampled:
@@ -85,30 +89,43 @@ def agreement(
     """
     if np.shape(a.mean) != np.shape(b.mean):
         raise ValueError(f"shapes differ: {np.shape(a.mean)} and {np.shape(b.mean)}")
-    a, b = (Sampled(np.atleast_1d(x.mean), np.atleast_1d(x.variance), x.batches) for x in (a, b))
+    a, b = (_at_least_1d(x) for x in (a, b))
     slack = np.broadcast_to(FLOAT32 * np.abs(b.mean) if within is None else within, a.mean.shape)
     image = a.mean.ndim == 3
     sides = [s for s in BLOCKS if image and s <= min(a.mean.shape[:2])] if image else [1]
     levels = [_level(a, b, slack, side) for side in sides]
     if image:
         levels.append(_level(a, b, slack, None))
-    tests = sum(level["p"].size for level in levels)
-    least = min(range(len(levels)), key=lambda i: (levels[i]["p"].min(), -levels[i]["t"].max()))
-    level = levels[least]
+    level = min(levels, key=lambda lv: (_family(lv["p"].min(), lv["p"].size), -lv["t"].max()))
     worst = np.unravel_index(np.lexsort((-level["t"].ravel(), level["p"].ravel()))[0], level["p"].shape)
-    family = -np.expm1(tests * np.log1p(-min(float(level["p"][worst]), 1 - 1e-16)))
-    each = -np.expm1(np.log1p(-significance) / tests)
+    family = _family(_family(level["p"][worst], level["p"].size), len(levels))
     local = next((lv for lv in levels if lv["side"] == LOCAL), levels[0])
+    share = _part(significance, len(levels))
     return Agreement(
         agrees=bool(family >= significance),
-        p=float(family),
+        p=family,
         standard_errors=float(level["t"][worst]),
         relative=float(level["difference"][worst] / max(abs(level["value"][worst]), 1e-300)),
         where=_place(level["side"], worst, image),
-        tests=tests,
-        catches=float(np.max(_detectable(levels[-1], each))),
-        catches_locally=float(np.median(_detectable(local, each))),
+        tests=sum(lv["p"].size for lv in levels),
+        catches=float(np.max(_detectable(levels[-1], share))),
+        catches_locally=float(np.median(_detectable(local, share))),
     )
+
+
+def _family(p: float, tests: int) -> float:
+    """The p-value of a family whose least one is p (Sidak)."""
+    return float(-np.expm1(tests * np.log1p(-min(float(p), 1 - 1e-16))))
+
+
+def _part(significance: float, tests: int) -> float:
+    """The significance of each test of a family (Sidak)."""
+    return float(-np.expm1(np.log1p(-significance) / tests))
+
+
+def _at_least_1d(x: Sampled) -> Sampled:
+    observed = x.variance if x.observed is None else x.observed
+    return Sampled(*map(np.atleast_1d, (x.mean, x.variance)), x.batches, np.atleast_1d(observed))
 
 
 def _level(a: Sampled, b: Sampled, slack: np.ndarray, side: int | None) -> dict:
@@ -122,12 +139,13 @@ def _level(a: Sampled, b: Sampled, slack: np.ndarray, side: int | None) -> dict:
         rows, columns = (np.arange(0, n, side) for n in x.shape[:2])
         return np.add.reduceat(np.add.reduceat(x, rows, axis=0), columns, axis=1)
 
-    va, vb, value = pool(a.variance), pool(b.variance), pool(b.mean)
+    va, vb = (np.maximum(pool(x.variance), pool(x.observed)) for x in (a, b))
+    value = pool(b.mean)
     difference = np.abs(pool(a.mean) - value)
     excess = np.maximum(difference - pool(slack), 0)
     error = np.sqrt(va + vb)
     batches = min((x.batches for x in (a, b) if x.batches), default=2)
-    squares = pool((a.variance + b.variance) ** 2)
+    squares = pool(sum(np.maximum(x.variance, x.observed) for x in (a, b)) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(error > 0, excess / error, np.where(excess > 0, np.inf, 0.0))
         freedom = np.where(squares > 0, (batches - 1) * (va + vb) ** 2 / squares, np.inf)
@@ -144,8 +162,9 @@ def _level(a: Sampled, b: Sampled, slack: np.ndarray, side: int | None) -> dict:
     }
 
 
-def _detectable(level: dict, each: float) -> np.ndarray:
-    """Relative errors found with probability 95 % by tests of two-sided significance `each`."""
+def _detectable(level: dict, significance: float) -> np.ndarray:
+    """Relative errors found with probability 95 % by two-sided tests whose family has that significance."""
+    each = _part(significance, level["p"].size)
     critical = stats.t.isf(each / 2, np.minimum(level["freedom"], 1e9))
     found = level["slack"] + np.where(level["error"] > 0, (critical + POWER_Z) * level["error"], 0)
     return found / np.maximum(np.abs(level["value"]), 1e-300)

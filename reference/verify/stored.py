@@ -1,8 +1,10 @@
 """Stored truths against renders made now: the mean pixel by pixel, and the variance that is claimed of it.
 
-BATCHES new batches with seeds of their own are drawn as the truth's were. If nothing changed, their mean has
-K / BATCHES times the stored variance, which K batches stand behind, so that few new samples suffice. The
-variance is tested as the ratio of the new batches' own, summed over the image, to the stored one, with the
+n new batches with seeds of their own are drawn as the truth's were. If nothing changed, their mean has K / n
+times the stored variance, which K batches stand behind, so that few new samples suffice. Where
+paths are rare and bright, K batches may know too little of a pixel's variance: the new batches' own and the
+mean of the stored one over NEIGHBOURS x NEIGHBOURS pixels are taken where they are larger. The variance is
+tested as the ratio of the new batches' own, summed over the image, to the stored one, with the
 jackknife over TILES x TILES parts of the image; storing rounds standard errors to 3 %, which shifts no sum by
 more than `ROUNDING`.
 """
@@ -12,19 +14,23 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from reference import store
 from reference.render import batch_seed, sample
 from reference.transport import transport
 from reference.truth import Truth
-from reference.verify.agreement import Sampled
+from reference.verify.agreement import FLOAT32, Sampled
 from reference.verify.checks import Comparison
 from scenes.contract import QUANTITIES, BadInput, Scene, make_scene
 
-BATCHES = 4
+BATCHES, MOST_BATCHES = 4, 16
+NOISY = 0.003
+"""Relative noise of the mean of one batch above which MOST_BATCHES are drawn: fewer would miss 1 %."""
 FIRST = 1_000_000
 """No truth has so many batches."""
 TILES = 8
+NEIGHBOURS = 5
 ROUNDING = 0.01
 
 
@@ -47,19 +53,24 @@ def is_current(path: Path, about: dict) -> bool:
 
 
 def rendered_again(truth: Truth, seed: int) -> list[Comparison]:
-    """Comparisons of a stored truth's mean and variance with BATCHES new batches."""
+    """Comparisons of a stored truth's mean and variance with new batches."""
     about = truth.provenance
     scene, quantity, size = question(about)
     draw, spp = sample(scene, quantity, size), transport(scene.mitsuba(size), quantity, size).spp
-    new = np.stack([draw(spp, batch_seed(seed, FIRST + k)) for k in range(BATCHES)])
-    new = new[..., : truth.mean.shape[2]]
     per_batch = truth.variance * truth.batches
+    noise = np.sqrt(per_batch.sum()) / max(truth.mean.sum(), 1e-300)
+    batches = MOST_BATCHES if noise > NOISY else BATCHES
+    new = np.stack([draw(spp, batch_seed(seed, FIRST + k)) for k in range(batches)])
+    new = new[..., : truth.mean.shape[2]]
+    around = uniform_filter(truth.variance, (NEIGHBOURS, NEIGHBOURS, 1))
+    size_of_light = np.abs(truth.mean)
     name = f"{about['scene']} {about['quantity']} {size}"
     return [
         Comparison(
             f"{name}: mean",
-            Sampled(new.mean(axis=0), per_batch / BATCHES, truth.batches),
-            Sampled(truth.mean, truth.variance, truth.batches),
+            Sampled(new.mean(axis=0), per_batch / batches, truth.batches, new.var(axis=0, ddof=1) / batches),
+            Sampled(truth.mean, truth.variance, truth.batches, around),
+            within=FLOAT32 * (size_of_light + size_of_light.mean()),
         ),
         variance_ratio(f"{name}: variance", new.var(axis=0, ddof=1), per_batch),
     ]
