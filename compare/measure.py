@@ -354,8 +354,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     images = []
 
     def frame() -> Any:
-        with other_variant(variant):
-            images.append(mi.render(loaded, spp=spp, seed=next(seeds)))
+        images.append(loaded.integrator().render(loaded, loaded.sensors()[0], seed=next(seeds), spp=spp))
         return images[-1]
 
     counted = path_tracer_work(scene, quantity, task.size)

@@ -31,6 +31,8 @@ def _declare(variant: str) -> None:
         return
     _declared.add(variant)
 
+    ray_type, null_flag = mi.RayDifferential3f, mi.BSDFFlags.Null
+
     class StartsInside(mi.SamplingIntegrator):
         def __init__(self, props: mi.Properties) -> None:
             super().__init__(props)
@@ -38,10 +40,10 @@ def _declare(variant: str) -> None:
 
         def sample(self, scene, sampler, ray, medium=None, active=True):
             hit = scene.ray_intersect(ray, active)
-            null = mi.has_flag(hit.bsdf(ray).flags(), mi.BSDFFlags.Null)
+            null = mi.has_flag(hit.bsdf(ray).flags(), null_flag)
             enters = hit.is_valid() & null & hit.is_medium_transition() & (dr.dot(ray.d, hit.n) < 0)
             depth = INSIDE * (1 + dr.max(dr.abs(hit.p)))
-            begun = mi.RayDifferential3f(ray)
+            begun = ray_type(ray)
             begun.o = dr.select(enters, hit.p - depth * hit.n, ray.o)
             found, valid, _ = self.nested.sample(scene, sampler, begun, only_medium(scene), active & enters)
             other, seen, _ = self.nested.sample(scene, sampler, ray, medium, active & ~enters)

@@ -30,7 +30,7 @@ import numpy as np
 
 from reference.coarser import Factors, coarser_textures, coarser_volumes, texture_factors, volume_factors
 from reference.colour import to_rgb
-from reference.render import Draw, load_description, to_array
+from reference.render import Draw, load_description, render_once
 from reference.toolchain import other_variant, spectral_twin
 from reference.transport import MEDIA, Transport, least_albedo, media, parts, reflects, scatters, transport
 from scenes.contract import RADIANCE, BadInput, Scene
@@ -108,11 +108,7 @@ def sample_reduced(scene: Scene, size: int, reductions: Iterable[Reduction] = ()
                 f"Mitsuba rejects the scene {type(scene).__name__}{dropped}: {reason}; mend its mitsuba()"
             ) from error
 
-    def draw(spp: int, seed: int) -> np.ndarray:
-        with other_variant(variant):
-            return to_array(mi.render(loaded, spp=spp, seed=seed))
-
-    return draw, how
+    return lambda spp, seed: render_once(loaded, spp, seed), how
 
 
 def _name_of_depth(description: dict) -> str:

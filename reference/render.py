@@ -62,11 +62,7 @@ def sample(scene: Scene, quantity: Quantity, size: int, how: Transport | None = 
     with other_variant(variant):
         loaded = load_scene(scene, quantity, size, how)
 
-    def draw(spp: int, seed: int) -> np.ndarray:
-        with other_variant(variant):
-            return to_array(mi.render(loaded, spp=spp, seed=seed))
-
-    return draw
+    return lambda spp, seed: render_once(loaded, spp, seed)
 
 
 def batch_seed(seed: int, k: int) -> int:
@@ -82,6 +78,13 @@ def batch_seed(seed: int, k: int) -> int:
 def variant_of(scene: Scene) -> str:
     """The variant that renders a scene: this one, or its spectral twin."""
     return spectral_twin(mi.variant()) if scene.spectral else mi.variant()
+
+
+def render_once(loaded: mi.Scene, spp: int, seed: int) -> np.ndarray:
+    """One image (H, W, C) float64 of a loaded scene, whatever the variant that it was loaded in: setting
+    another variant takes a tenth of a second."""
+    sensor = loaded.sensors()[0]
+    return to_array(loaded.integrator().render(loaded, sensor, seed=seed, spp=spp, evaluate=False))
 
 
 def to_array(image: Any) -> np.ndarray:

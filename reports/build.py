@@ -148,4 +148,4 @@ def unit(name: str) -> str:
 
 def words(name: str) -> str:
     """A name in code as words."""
-    return name.replace("_", " ")
+    return name.replace("_", " ").replace("rgb", "RGB")
