@@ -30,7 +30,7 @@ from reference.truth import find_sampler
 from scenes.contract import RADIANCE, BadInput, Scene, all_scenes, find_scene
 
 STOCK_SPP = 64
-LADDER = ("integrator and depth", "roulette", "sampler", "batch size")
+LADDER = ("entry into media", "integrator and depth", "roulette", "sampler", "batch size")
 TARGET, FLOOR = 2.0, 0.95
 """What the geometric mean over scenes, and every scene, must reach."""
 
@@ -50,7 +50,9 @@ def rungs(scene: Scene, size: int) -> list[tuple[str, Transport]]:
     roulette = {k: v for k, v in ours.integrator.items() if k == "rr_depth"}
     plain = {k: v for k, v in ours.integrator.items() if k != "rr_depth"}
     for name in LADDER:
-        if name == "integrator and depth":
+        if name == "entry into media":
+            how = replace(how, starts_inside=ours.starts_inside)
+        elif name == "integrator and depth":
             how = replace(how, integrator=plain)
         elif name == "roulette":
             how = replace(how, integrator=plain | roulette)
@@ -65,7 +67,7 @@ def rungs(scene: Scene, size: int) -> list[tuple[str, Transport]]:
 
 def _same(a: Transport, b: Transport) -> bool:
     unlimited = {"max_depth": -1}
-    return (unlimited | a.integrator, a.sampler, a.spp) == (unlimited | b.integrator, b.sampler, b.spp)
+    return replace(a, integrator=unlimited | a.integrator) == replace(b, integrator=unlimited | b.integrator)
 
 
 def measure(

@@ -25,9 +25,9 @@ NO_ROULETTE = 100_000
 """A depth that no path reaches."""
 SPENT = 0.05
 """Roulette starts where a path's expected throughput has fallen to this."""
-LANES = {"surfaces": 1 << 20, "thin media": 1 << 18, "clouds": 1 << 16}
-"""Paths in one batch: enough to fill the cores, few enough that 16 batches of the smallest image are not
-more than it needs."""
+LANES = {"surfaces": 1 << 20, "thin media": 1 << 18, "clouds": 3 << 17}
+"""Paths in one batch: enough to fill the cores and to hide what a batch costs besides (0.03 s), few enough
+that 16 batches of the smallest image are not more than it needs."""
 LEAST_SPP = {"multijitter": 64, "independent": 16}
 MOST_SPP = 256
 

@@ -5,8 +5,9 @@ import math
 import pytest
 
 from reference import bench
+from reference.transport import transport
 from scenes.cloud import CloudSphere
-from scenes.contract import BadInput
+from scenes.contract import RADIANCE, BadInput
 from scenes.sunlit import SphereOverPlane
 
 
@@ -39,7 +40,8 @@ def test_the_ladder_leads_from_stock_to_ours_one_setting_at_a_time():
     steps = bench.rungs(CloudSphere(), 32)
     assert steps[0] == ("stock", bench.stock(CloudSphere(), 32))
     assert steps[0][1].integrator == {"type": "volpath"} and steps[0][1].sampler == "independent"
-    assert [name for name, _ in steps] == ["stock", "roulette"]
+    assert [name for name, _ in steps] == ["stock", "entry into media", "roulette", "batch size"]
+    assert steps[-1][1] == transport(CloudSphere().mitsuba(32), RADIANCE, 32)
     assert bench.rungs(SphereOverPlane(), 32)[-1][1].sampler == "multijitter"
 
 
