@@ -36,6 +36,7 @@ RunFolder = Annotated[Path, typer.Argument(help="folder of a run")]
 Resolution = Annotated[
     float | None, typer.Option(help="least relative rmse that the truth must tell from none, such as 0.001")
 ]
+Tile = Annotated[int | None, typer.Option(min=1, help="resolution in the worst tile of so many pixels")]
 Batches = Annotated[int | None, typer.Option(help="batches that a truth may grow to")]
 Seconds = Annotated[float | None, typer.Option(help="seconds that a truth may grow")]
 
@@ -71,6 +72,7 @@ def compare(
     seed: Annotated[int, typer.Option(min=1, max=10**6)] = 1,
     only: Annotated[bool, typer.Option("--only", help="this setting alone, without sweeps")] = False,
     resolution: Resolution = None,
+    tile: Tile = None,
     truth_batches: Batches = None,
     truth_seconds: Seconds = None,
     page: Annotated[bool, typer.Option("--report/--no-report", help="write the page as well")] = True,
@@ -87,7 +89,7 @@ def compare(
         raise unknown("profile", profile, PROFILES)
     variant = prepare(device, plugin)
     fields, knobs = pairs(settings, "--set"), pairs(knob, "--knob")
-    demand = demanded(resolution, None, truth_batches, truth_seconds)
+    demand = demanded(resolution, tile, truth_batches, truth_seconds)
     if names == ["path_tracer"]:
         tasks = path_tracer_tasks(scene, fields, knobs, profile, size, seed, demand)
     else:
@@ -293,7 +295,7 @@ def reference_render(
     size: Annotated[int | None, typer.Option(min=8, max=4096, help="pixels along a side")] = None,
     quantity: Annotated[str | None, typer.Option(help="only this quantity")] = None,
     resolution: Resolution = None,
-    tile: Annotated[int | None, typer.Option(min=1, help="in the worst tile of so many pixels")] = None,
+    tile: Tile = None,
     batches: Batches = None,
     seconds: Seconds = None,
     again: Annotated[bool, typer.Option("--again", help="anew, whatever is stored")] = False,
@@ -480,6 +482,8 @@ def demanded(
     """What the options ask of a truth; a budget without a resolution is spent whole."""
     from reference.store import ENOUGH, Demand
 
+    if tile is not None and resolution is None:
+        raise BadInput("--tile says where --resolution must be reached: give both")
     if resolution is batches is seconds is None:
         return ENOUGH
     asked = 0.0 if resolution is None else resolution

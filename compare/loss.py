@@ -26,7 +26,7 @@ import numpy as np
 from compare import cost
 from compare.metrics import MEANS
 from compare.statistics import Estimate
-from compare.stochastic import coloured, errors
+from compare.stochastic import errors
 from reference.moments import Moments
 from reference.reduced import Reduction, sample_reduced
 from reference.render import Draw, batch_seed
@@ -66,7 +66,7 @@ class Sampling:
     def cost(self) -> dict[str, float]:
         """Kernel time of a sample a pixel (ms, median, without the first batch, which warms up) and its
         product with the variance of a sample."""
-        a = coloured(self.truth)
+        a = self.truth.spread(3)
         each = float(np.median(self.milliseconds[1:])) / self.how.spp
         return {"ms": each, "ms_variance": each * float(a.variance.mean()) * a.batches * self.how.spp}
 

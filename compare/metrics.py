@@ -38,16 +38,7 @@ def same_shape(a: np.ndarray, truth: Truth) -> tuple[np.ndarray, Truth]:
     if cr == 1 and np.array_equal(a, np.broadcast_to(a[..., :1], a.shape)):
         return a[..., :1], truth
     if cr == 1:
-        half = truth.half_difference
-        wide = Truth(
-            np.repeat(truth.mean, ca, 2),
-            np.repeat(truth.variance, ca, 2),
-            np.ones((ca, ca)),
-            None if half is None else np.repeat(half, ca, 2),
-            truth.batches,
-            truth.provenance,
-        )
-        return a, wide
+        return a, truth.spread(ca)
     return np.repeat(a, cr, 2), truth
 
 

@@ -25,32 +25,11 @@ def select(names: list[str] | None, theme: str | None) -> list[Technique]:
     return [t for t in chosen if t.theme == theme]
 
 
-def technique_tasks(
-    techniques: list[Technique],
-    profile: str,
-    *,
-    scene: str | None = None,
-    fields: dict[str, Any] | None = None,
-    knobs: dict[str, Any] | None = None,
-    size: int | None = None,
-    seed: int = 1,
-    only: bool = False,
-    demand: Demand = ENOUGH,
-) -> list[Task]:
-    """The plan of a selection, and what the thresholds of these techniques ask for unless the selection
-    is narrowed."""
-    tasks = plan(
-        techniques,
-        PROFILES[profile],
-        scene=scene,
-        fields=fields,
-        knobs=knobs,
-        size=size,
-        seed=seed,
-        only=only,
-        demand=demand,
-    )
-    if profile == "quick" and not (scene or fields or knobs or size or only or demand != ENOUGH):
+def technique_tasks(techniques: list[Technique], profile: str, seed: int = 1, **narrowed: Any) -> list[Task]:
+    """The plan of a selection, and what the thresholds of these techniques ask for unless it is narrowed by
+    any of the keywords of `plan`."""
+    tasks = plan(techniques, PROFILES[profile], seed=seed, **narrowed)
+    if profile == "quick" and not any(v and v != ENOUGH for v in narrowed.values()):
         tasks = merge([*tasks, *gate.tasks(gate.load_thresholds(), techniques, seed)])
     return tasks
 

@@ -37,7 +37,7 @@ def errors(
     estimate: Truth, truth: Truth, quantity: Quantity, exposure: tuple[float, float] | None
 ) -> dict[str, Estimate]:
     """All metrics of a sampled estimate, FLIP only with an exposure."""
-    a, r = coloured(estimate), coloured(truth)
+    a, r = estimate.spread(3), truth.spread(3)
     found = metrics.errors(a.mean, joint(a, r), quantity, exposure) | {"bias": bias(a, r)}
     if "gain" in found:
         gain, left = best_gain(a, r)
@@ -48,20 +48,6 @@ def errors(
 def noise(estimate: Truth, truth: Truth) -> float:
     """Standard deviation of a single image over the mean of the truth."""
     return float(np.sqrt((estimate.variance * estimate.batches).mean()) / truth.mean.mean())
-
-
-def coloured(t: Truth) -> Truth:
-    """With three channels, a grey one spread over them."""
-    if t.mean.shape[2] == 3:
-        return t
-    half = t.half_difference
-    return replace(
-        t,
-        mean=np.repeat(t.mean, 3, 2),
-        variance=np.repeat(t.variance, 3, 2),
-        correlation=np.ones((3, 3)),
-        half_difference=None if half is None else np.repeat(half, 3, 2),
-    )
 
 
 def joint(a: Truth, r: Truth, gain: float = 1.0) -> Truth:

@@ -125,7 +125,8 @@ def from_batches(images: np.ndarray) -> Truth:
 
 def join(a: Truth, b: Truth) -> Truth:
     """The truth that the batches of a and those of b make together; rare paths of both are kept."""
-    a, b = _same_channels(a, b)
+    channels = max(t.mean.shape[2] for t in (a, b))
+    a, b = a.spread(channels), b.spread(channels)
     n = a.batches + b.batches
     d = b.mean - a.mean
     squares = sum(t.variance * t.batches * (t.batches - 1) for t in (a, b))
@@ -167,21 +168,6 @@ def one_channel(truth: Truth) -> Truth:
         correlation=np.ones((1, 1)),
         half_difference=truth.half_difference[..., :1],
     )
-
-
-def _same_channels(a: Truth, b: Truth) -> tuple[Truth, Truth]:
-    if a.mean.shape[2] == b.mean.shape[2]:
-        return a, b
-    narrow, wide = sorted((a, b), key=lambda t: t.mean.shape[2])
-    channels = wide.mean.shape[2]
-    spread = replace(
-        narrow,
-        mean=np.repeat(narrow.mean, channels, 2),
-        variance=np.repeat(narrow.variance, channels, 2),
-        correlation=np.ones((channels, channels)),
-        half_difference=np.repeat(narrow.half_difference, channels, 2),
-    )
-    return (spread, wide) if narrow is a else (wide, spread)
 
 
 def _distinct(named: list[dict[str, Any]]) -> list[dict[str, Any]]:

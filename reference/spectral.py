@@ -12,7 +12,7 @@ from dataclasses import replace
 import mitsuba as mi
 
 from reference.colour import Extinction, to_rgb
-from reference.render import Draw, load_description, to_array
+from reference.render import load_description
 from reference.transport import transport
 from scenes.contract import Quantity, Scene
 
@@ -31,9 +31,3 @@ def load_rgb(
     description = to_rgb(scene.mitsuba(size), extinction)
     how = transport(description, quantity, size)
     return load_description(description, replace(how, sampler=sampler or how.sampler))
-
-
-def sample_rgb(scene: Scene, quantity: Quantity, size: int, extinction: Extinction = "band") -> Draw:
-    """f(spp, seed) -> (size, size, 3) float64: one batch of the scene in three channels."""
-    loaded = load_rgb(scene, quantity, size, extinction)
-    return lambda spp, seed: to_array(mi.render(loaded, spp=spp, seed=seed))

@@ -55,20 +55,23 @@ def transport(description: dict, quantity: Quantity, size: int) -> Transport:
     `independent` is as good and 10 % cheaper. `multijitter` is biased below 64 samples a pixel (-0.6 % at
     16 in a closed room, within 0.03 % of none at 64 and 256), `ldsampler` always (-2.6 % in a valley).
 
-    Rays start inside a medium that the camera sees from outside: see `reference.entry`.
+    Rays start inside the one medium that the camera sees from outside (`reference.entry`, which integrators
+    of Mitsuba allow for one medium only).
 
     Batches: LANES paths, and a square number of samples a pixel, as the strata want it.
     """
     kind = "surfaces"
-    if any(least_albedo(m) > 0 for m in media(description)):
+    found = media(description)
+    if any(least_albedo(m) > 0 for m in found):
         kind = "thin media" if reflects(description) else "clouds"
+    outside = "medium" not in description.get("sensor", {})
     sampler = "independent" if kind == "clouds" else "multijitter"
     strata = round(math.sqrt(min(max(LANES[kind] / size**2, LEAST_SPP[sampler]), MOST_SPP)))
     return Transport(
         integrator(description, quantity),
         sampler,
         strata**2,
-        starts_inside=kind != "surfaces" and "medium" not in description.get("sensor", {}),
+        starts_inside=kind != "surfaces" and outside and len(found) == 1,
     )
 
 

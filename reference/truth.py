@@ -6,7 +6,7 @@ A closed form in float64 is taken where one is declared; otherwise independent M
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,19 @@ class Truth:
     def exact(self) -> bool:
         """True for closed forms."""
         return self.batches == 0
+
+    def spread(self, channels: int) -> Truth:
+        """The same truth with its one channel in so many; itself where it has them already."""
+        if self.mean.shape[2] == channels:
+            return self
+        half = self.half_difference
+        return replace(
+            self,
+            mean=np.repeat(self.mean, channels, 2),
+            variance=np.repeat(self.variance, channels, 2),
+            correlation=np.ones((channels, channels)),
+            half_difference=None if half is None else np.repeat(half, channels, 2),
+        )
 
     def halves(self) -> tuple[np.ndarray, np.ndarray]:
         """Two independent estimates of the truth; twice the truth itself where it is exact."""

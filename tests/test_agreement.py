@@ -68,6 +68,12 @@ def test_exact_routes_may_differ_by_rounding_alone():
     assert off.relative == pytest.approx(1e-4)
 
 
+def test_a_difference_from_nothing_has_no_share():
+    found = agreement(Sampled.exact([0.0, 1.0]), Sampled.exact([1e-3, 1.0]))
+    assert found.relative == pytest.approx(1.0)
+    assert np.isinf(agreement(Sampled.exact([1e-3, 1.0]), Sampled.exact([0.0, 1.0])).relative)
+
+
 def test_a_printed_digit_is_no_error_and_the_next_one_is():
     printed = Sampled.exact(0.5534)
     assert agreement(Sampled.exact(0.55344), printed, within=5e-5).agrees

@@ -26,8 +26,8 @@ from reference.colour import (
     xyz_to_rgb,
 )
 from reference.moments import from_batches
-from reference.render import sample, to_array
-from reference.spectral import load_rgb, sample_rgb
+from reference.render import render_once, sample, to_array
+from reference.spectral import load_rgb
 from reference.transport import coloured, integrator, media
 from reference.truth import Truth, box_filter
 from reference.verify.agreement import Sampled, agreement
@@ -46,6 +46,12 @@ from scenes.coloured import (
 from scenes.contract import RADIANCE, BadInput
 
 SCENES = (ColouredGlass, DeepInterreflection, Atmosphere)
+
+
+def sample_rgb(scene, quantity, size):
+    """One batch of the scene in three channels, f(spp, seed)."""
+    loaded = load_rgb(scene, quantity, size)
+    return lambda spp, seed: render_once(loaded, spp, seed)
 
 
 def batches(draw, spp, count, seed=1):

@@ -262,6 +262,7 @@ MISTAKES = {
     "size of no scene": ("reference render --size 16", "need a scene"),
     "demand of 2 batches": ("reference render Valley --size 16 --batches 2", "batches 4 or more"),
     "demand below zero": ("compare constant_ambient --resolution -1", "resolution is 0 or more"),
+    "tile without resolution": ("reference render Valley --size 16 --tile 8", "give both"),
     "nothing to verify": ("reference verify Vally", "'Vally'.*Valley"),
     "bench of no scene": ("bench reference Vally", "Valley"),
     "needs of no scene": ("needs Vally --tolerance rmse=0.1", "Valley"),

@@ -73,6 +73,18 @@ def test_an_albedo_that_varies_is_never_cut():
     assert roulette_depth(scene(m={"type": "heterogeneous", "albedo": grid})) == NO_ROULETTE
 
 
+def test_rays_start_inside_the_one_medium_that_is_seen_from_outside():
+    cloud = {"type": "homogeneous", "albedo": 1.0}
+    ball = {"type": "sphere", "bsdf": {"type": "null"}, "interior": cloud}
+    outside, inside = {"type": "perspective"}, {"type": "perspective", "medium": cloud}
+    assert transport(scene(a=ball, sensor=outside), RADIANCE, 16).starts_inside
+    assert not transport(scene(a=ball, sensor=inside), RADIANCE, 16).starts_inside
+    assert not transport(scene(a=ball, b=ball, sensor=outside), RADIANCE, 16).starts_inside
+    assert not transport(
+        scene(a={"type": "sphere", "bsdf": WHITE}, sensor=outside), RADIANCE, 16
+    ).starts_inside
+
+
 @pytest.mark.parametrize("size", [16, 64, 128, 512, 2048])
 @pytest.mark.parametrize("cls", [SphereOverPlane, Valley, FogOverGround, GlassSheets, CloudSlab, CloudSphere])
 def test_batches_are_square_and_bounded(cls, size):

@@ -67,8 +67,8 @@ class Sampled:
 class Agreement:
     """agrees: no test of the family fired. p: the family's p-value (Sidak). standard_errors: the disagreement
     of the most telling test, whose place `where` names; infinite where two exact routes differ.
-    relative: that disagreement over the second route's value there. tests: size of the family.
-    catches, catches_locally: relative errors that would have been found with probability 95 %."""
+    relative: that disagreement over the second route's value there, infinite where that is 0. tests: size of
+    the family. catches, catches_locally: relative errors that would have been found with probability 95 %."""
 
     agrees: bool
     p: float
@@ -105,12 +105,17 @@ def agreement(
         agrees=bool(family >= significance),
         p=family,
         standard_errors=float(level["t"][worst]),
-        relative=float(level["difference"][worst] / max(abs(level["value"][worst]), 1e-300)),
+        relative=_over(float(level["difference"][worst]), float(level["value"][worst])),
         where=_place(level["side"], worst, image),
         tests=sum(lv["p"].size for lv in levels),
         catches=float(np.max(_detectable(levels[-1], share))),
         catches_locally=float(np.median(_detectable(local, share))),
     )
+
+
+def _over(difference: float, value: float) -> float:
+    """A difference as a share of a value."""
+    return difference / abs(value) if value else (np.inf if difference else 0.0)
 
 
 def _family(p: float, tests: int) -> float:

@@ -20,7 +20,7 @@ from scenes.fog import FogOverGround
 from scenes.sunlit import SphereOverPlane, Valley
 
 
-def walked(draw: Callable[[np.random.Generator], np.ndarray], drawn: range) -> Sampled:
+def walked(draw: Callable[[np.random.Generator], np.ndarray], drawn: tuple[int, ...]) -> Sampled:
     """One batch of own walks for each seed."""
     return Sampled.of([draw(np.random.default_rng(s)) for s in drawn])
 

@@ -158,7 +158,7 @@ def judge(comparison: Comparison, significance: float) -> dict:
         "verdict": "agrees" if found.agrees else "differs",
         "p": found.p,
         "standard_errors": None if exact or not np.isfinite(found.standard_errors) else found.standard_errors,
-        "relative": found.relative,
+        "relative": found.relative if np.isfinite(found.relative) else None,
         "where": found.where,
         "tests": found.tests,
         "significance": float(significance),
