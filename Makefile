@@ -1,5 +1,6 @@
 # make compare   set up if needed, measure with the quick profile, print the table, write the page
 # make test      set up if needed, check the style, run the tests
+# make mutants   flip every sign of every technique and keep the proof that thresholds see it (slow)
 # make setup     set up alone
 # make lock      renew requirements.lock (needs uv)
 #
@@ -7,7 +8,7 @@
 
 export PYTHON ?= python3
 
-.PHONY: compare test setup lock
+.PHONY: compare test mutants setup lock
 
 compare: setup
 	@.venv/bin/lightproof compare $(ARGS)
@@ -17,6 +18,10 @@ test:
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check .
 	@.venv/bin/python -m pytest $(ARGS)
+
+mutants:
+	@tools/setup.sh test
+	@LIGHTPROOF_PROVE=1 .venv/bin/python -m pytest tests/test_mutants.py $(ARGS)
 
 setup:
 	@tools/setup.sh

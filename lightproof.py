@@ -196,15 +196,22 @@ def report(
 @app.command()
 def gate(
     folder: RunFolder = Path("runs/quick"),
-    thresholds: Annotated[Path | None, typer.Option(help="another thresholds file")] = None,
+    thresholds: Annotated[Path | None, typer.Option(help="another thresholds file or folder")] = None,
+    propose: Annotated[str | None, typer.Option(help="print threshold lines for this technique")] = None,
     plugin: Plugins = None,
     as_json: Json = False,
 ) -> None:
-    """Judge a run by the accuracy thresholds."""
+    """Judge a run by the accuracy thresholds, or propose those of a technique."""
+    from approximations.contract import find_technique
     from compare.gate import THRESHOLDS, exit_code, judge, load_thresholds
+    from compare.propose import lines
     from compare.run import records
 
     prepare("cpu", plugin)
+    if propose is not None:
+        find_technique(propose)
+        out.print(*lines(records(folder), propose), sep="\n", highlight=False, markup=False, soft_wrap=True)
+        return
     verdicts = judge(load_thresholds(thresholds or THRESHOLDS), records(folder))
     rows = [
         {

@@ -1,6 +1,6 @@
 """Accuracy thresholds: pass, fail, or could not be judged.
 
-thresholds.toml holds one table a threshold:
+thresholds/*.toml, a file per theme, hold one table a threshold:
 
     [[threshold]]
     technique = "ambient_aperture"     scene = "Valley"     quantity = "direct_radiance"
@@ -25,7 +25,7 @@ from compare.metrics import MEANS
 from compare.task import PROFILES, ROOT, Task, find_measured, quantities_on
 from scenes.contract import QUANTITIES, BadInput, find_scene, make_scene, unknown
 
-THRESHOLDS = ROOT / "thresholds.toml"
+THRESHOLDS = ROOT / "thresholds"
 ASSUMPTIONS = {a.name: a for a in vars(contract).values() if isinstance(a, contract.Assumption)}
 
 
@@ -96,7 +96,14 @@ class Verdict:
 
 
 def load_thresholds(path: Path = THRESHOLDS) -> list[Threshold]:
-    """All thresholds, checked. Raises BadInput for anything that is not one."""
+    """All thresholds of a file, or of the files of a folder, checked. Raises BadInput for anything else."""
+    files = sorted(path.glob("*.toml")) if path.is_dir() else [path]
+    if not files:
+        raise BadInput(f"{path} holds no thresholds: no *.toml file is there")
+    return [t for file in files for t in _load_file(file)]
+
+
+def _load_file(path: Path) -> list[Threshold]:
     try:
         import tomllib
     except ImportError:

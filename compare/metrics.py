@@ -2,6 +2,7 @@
 
 radiance  bias, rmse (over the mean of the truth), relmse, gain, rmse_gain, p50, p99, max, flip
 ratio     bias, mae, rmse (absolute), p99, max
+length    bias, mae, rmse, p99, max (m)
 
 bias, rmse, relmse, gain and rmse_gain are unbiased and carry intervals; the others carry the floor
 that two halves of the truth read against each other.
@@ -11,13 +12,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from compare.statistics import Estimate, best_gain, bias, mse, root
+from compare.statistics import Estimate, best_gain, bias, mse, offset, root
 from reference.truth import Truth
 from scenes.contract import BadInput, Quantity
 
 PIXELS_PER_DEGREE = 67.0
 MEANS = {
-    "bias": "mean of the estimate over the mean of the truth, less 1",
+    "bias": "mean of the estimate over the mean of the truth, less 1; for lengths their difference",
     "rmse": "root of the mean squared error; over the mean of the truth for radiance",
     "relmse": "mean of squared error over (truth^2 + 1 % of the mean squared)",
     "gain": "the one factor that brings the estimate nearest",
@@ -52,8 +53,9 @@ def errors(
             f"{truth.mean.shape[1]}x{truth.mean.shape[0]}; render both at the same size"
         )
     a, truth = same_shape(a, truth)
-    if quantity.kind == "ratio":
-        found = {"bias": bias(a, truth), "rmse": root(mse(a, truth))}
+    if quantity.kind != "radiance":
+        level = bias if quantity.kind == "ratio" else offset
+        found = {"bias": level(a, truth), "rmse": root(mse(a, truth))}
         return found | absolute_errors(a, truth, ("mae", "p99", "max"), relative=False)
     mean = float(truth.mean.mean())
     if mean <= 0:
@@ -120,13 +122,14 @@ def flip_map(reference: np.ndarray, test: np.ndarray, exposure: tuple[float, flo
     return np.asarray(error, np.float64).reshape(error.shape[0], error.shape[1], -1)[..., 0]
 
 
-def flaws(a: np.ndarray) -> list[dict]:
-    """What no image may hold: values that are not finite, negative light; with the first pixel."""
+def flaws(a: np.ndarray, *, signed: bool = False) -> list[dict]:
+    """What no image may hold: values that are not finite, and, unless they are signed, negative ones; with
+    the first pixel."""
     found = []
     for kind, bad in (
         ("NaN", np.isnan(a)),
         ("infinity", np.isinf(a)),
-        ("negative", np.nan_to_num(a, posinf=0, neginf=0) < 0),
+        ("negative", (not signed) & (np.nan_to_num(a, posinf=0, neginf=0) < 0)),
     ):
         where = np.argwhere(bad.any(axis=2))
         if len(where):

@@ -9,6 +9,7 @@ the domain) are left alone, since they do not make the image.
 from __future__ import annotations
 
 import ast
+import hashlib
 import sys
 import tempfile
 import types
@@ -18,7 +19,7 @@ from pathlib import Path
 
 from approximations.contract import TECHNIQUES, Technique, find_technique
 from compare.gate import Threshold, Verdict, judge_one
-from compare.task import ROOT
+from compare.task import ROOT, scene_file
 
 FLIPS = {
     ast.Add: ast.Sub,
@@ -168,6 +169,15 @@ def verdicts(mutant: Mutant, technique: str, thresholds: list[Threshold], until_
         if until_fail and found[-1].result == "fail":
             break
     return found
+
+
+def digest(files: list[Path], techniques: list[str], thresholds: list[Threshold]) -> str:
+    """Digest of all that decides whether a mutant is seen: sources, thresholds, and the scenes that they
+    name. What all measurements share (statistics, truths) is not in it: after a change there, prove anew."""
+    chosen = [t for t in thresholds if t.technique in techniques]
+    scenes = sorted({scene_file(t.scene) for t in chosen})
+    content = [p.read_text() for p in [*files, *scenes]] + sorted(repr(t) for t in chosen)
+    return hashlib.sha256("\n".join(content).encode()).hexdigest()
 
 
 def modules() -> dict[Path, list[str]]:

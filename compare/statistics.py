@@ -88,6 +88,12 @@ def bias(a: np.ndarray, truth: Truth) -> Estimate:
     return interval(float(a.sum() / total - 1), float(variance * (a.sum() / total**2) ** 2))
 
 
+def offset(a: np.ndarray, truth: Truth) -> Estimate:
+    """Mean of A less the mean of R."""
+    variance = quadratic(np.ones_like(truth.mean), truth).sum() / truth.mean.size**2
+    return interval(float((a - truth.mean).mean()), float(variance))
+
+
 def best_gain(a: np.ndarray, truth: Truth) -> tuple[Estimate, Estimate]:
     """The single factor g on A that leaves the least squared error, and the MSE left after it.
 

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from compare.run import path_tracer_curve
+from scenes.contract import QUANTITIES
 
 
 def defaults(records: list[dict]) -> list[dict]:
@@ -68,6 +69,12 @@ def pareto(points: list[tuple[float, float]]) -> list[int]:
     return front
 
 
+def is_length(record: dict) -> bool:
+    """Whether a record's figures are lengths."""
+    quantity = QUANTITIES.get(record["quantity"])
+    return quantity is not None and quantity.kind == "length"
+
+
 def overview(records: list[dict]) -> list[dict]:
     """Rows for the table: error with interval, cost, and path tracing at the same cost."""
     rows = []
@@ -87,7 +94,7 @@ def overview(records: list[dict]) -> list[dict]:
             row
             | {
                 "rmse": interval_text(e["rmse"], 100 if relative else 1, " %" if relative else ""),
-                "bias": interval_text(e["bias"], 100, " %"),
+                "bias": interval_text(e["bias"]) if is_length(r) else interval_text(e["bias"], 100, " %"),
                 "shape": interval_text(e.get("rmse_gain"), 100, " %") if relative else "",
                 "flip": interval_text(e["flip"]) if "flip" in e else "",
                 "frame ms": f"{ms:.3g}",

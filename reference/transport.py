@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from scenes.contract import DIRECT_RADIANCE, SINGLE_SCATTERING, Quantity
+from reference.indirect import indirect
+from scenes.contract import DIRECT_RADIANCE, INDIRECT_RADIANCE, ONE_BOUNCE, SINGLE_SCATTERING, Quantity
 
 MEDIA = {"homogeneous", "heterogeneous"}
 PASSED_THROUGH = {"mask", "null", "thindielectric"}
@@ -84,7 +85,8 @@ def integrator(description: dict, quantity: Quantity) -> dict:
     3. Media, masks and null interfaces need `volpath`, since `path` is black behind them; `volpathmis` where
        extinction differs between wavelengths, since `volpath` draws a distance for one of them and weighs
        the others without bound (28 times the noise in deep coloured glass).
-    4. `path` for the rest.
+    4. `path` for the rest. Light that came by another surface is what it, or `direct` for one bounce, sees
+       from where the camera ray was scattered to (reference.indirect).
     """
     through = bool(plugin_types(description) & (MEDIA | PASSED_THROUGH))
     volumetric = "volpathmis" if any(coloured(m) for m in media(description)) else "volpath"
@@ -95,6 +97,10 @@ def integrator(description: dict, quantity: Quantity) -> dict:
             return {"type": volumetric, "max_depth": 2, "rr_depth": NO_ROULETTE}
         delta = plugin_types(description) & LIGHTS <= DELTA_LIGHTS
         return {"type": "direct", "bsdf_samples": 0} if delta else {"type": "direct"}
+    if quantity in (INDIRECT_RADIANCE, ONE_BOUNCE):
+        return indirect(
+            {"type": "path", "max_depth": -1} if quantity == INDIRECT_RADIANCE else {"type": "direct"}
+        )
     if through:
         return {"type": volumetric, "max_depth": -1, "rr_depth": roulette_depth(description)}
     return {"type": "path", "max_depth": -1}

@@ -20,7 +20,7 @@ from typing import Any
 from approximations.contract import Technique
 from compare.gate import ASSUMPTIONS, Verdict, describe, judge, load_thresholds
 from compare.run import path_tracer_curve, records
-from compare.summary import cost_at_error, error_at_cost, interval_text
+from compare.summary import cost_at_error, error_at_cost, interval_text, is_length
 from compare.task import PATH_TRACER, all_measured
 from reference.verify import run as verification
 from scenes.contract import QUANTITIES, SCENES, BadInput, Scene
@@ -307,7 +307,7 @@ def figures(r: dict) -> dict:
     main = {"scale": 100, "unit": " %"} if relative else {}
     return {
         "rmse": figure(e["rmse"], **main),
-        "bias": figure(e["bias"], 100, " %"),
+        "bias": figure(e["bias"]) if is_length(r) else figure(e["bias"], 100, " %"),
         "shape": figure(e.get("rmse_gain"), 100, " %"),
         "p99": figure(e.get("p99"), **main),
         "flip": figure(e.get("flip")),

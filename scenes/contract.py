@@ -34,13 +34,13 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> BadInput:
 class Quantity:
     """What an image holds.
 
-    kind "radiance" is linear and unbounded above (W m^-2 sr^-1), "ratio" lies in [0, 1].
+    kind "radiance" is linear and unbounded above, "ratio" lies in [0, 1], "length" is signed and in metres.
     On `probes` the pixels are points and directions inside the scene instead of camera rays.
     """
 
     name: str
     unit: str
-    kind: Literal["radiance", "ratio"]
+    kind: Literal["radiance", "ratio", "length"]
     means: str
     probes: bool = False
 
@@ -54,8 +54,37 @@ SOURCE_FUNCTION = Quantity(
     "source_function", "W m^-2 sr^-1", "radiance", "in-scattered radiance at a point, all orders", probes=True
 )
 TRANSMITTANCE = Quantity("transmittance", "1", "ratio", "share of radiance that crosses the medium")
+INDIRECT_RADIANCE = Quantity(
+    "indirect_radiance", "W m^-2 sr^-1", "radiance", "light that met two surfaces or more"
+)
+ONE_BOUNCE = Quantity(
+    "one_bounce", "W m^-2 sr^-1", "radiance", "light that met one surface on its way to the one seen"
+)
+IRRADIANCE = Quantity("irradiance", "W m^-2", "radiance", "on a surface element at a probe", probes=True)
+LIGHT_VISIBILITY = Quantity(
+    "light_visibility", "1", "ratio", "share of the first light's surface that a point sees"
+)
+SKY_VISIBILITY = Quantity(
+    "sky_visibility", "1", "ratio", "cosine-weighted share of the hemisphere that no surface hides"
+)
+DISTANCE = Quantity(
+    "distance", "m", "length", "to the nearest surface, positive outside and negative inside", probes=True
+)
 QUANTITIES = {
-    q.name: q for q in (RADIANCE, DIRECT_RADIANCE, SINGLE_SCATTERING, SOURCE_FUNCTION, TRANSMITTANCE)
+    q.name: q
+    for q in (
+        RADIANCE,
+        DIRECT_RADIANCE,
+        INDIRECT_RADIANCE,
+        ONE_BOUNCE,
+        SINGLE_SCATTERING,
+        SOURCE_FUNCTION,
+        TRANSMITTANCE,
+        IRRADIANCE,
+        LIGHT_VISIBILITY,
+        SKY_VISIBILITY,
+        DISTANCE,
+    )
 }
 
 
@@ -128,13 +157,47 @@ class Camera:
 
 @dataclass(frozen=True)
 class Surface:
-    """G-buffer: what the camera rays meet first. Where `valid` is false the ray meets nothing."""
+    """G-buffer: what the camera rays meet first. Where `valid` is false the ray meets nothing.
+
+    The reflection is albedo / pi plus `specular` times the single-scattering GGX lobe of width `alpha` with
+    Smith's masking; parts that a scene lacks are None.
+    """
 
     valid: Any
     position: Any  # m
     normal: Any  # unit, towards the side seen
     albedo: Any  # diffuse reflectance, 0..1
     distance: Any  # along the ray, m; infinite where not valid
+    specular: Any = None  # Fresnel reflectance at normal incidence, 0..1
+    alpha: Any = None  # GGX roughness, 0..1
+    uv: Any = None  # texture coordinates, 0..1
+
+
+@dataclass(frozen=True)
+class AreaLight:
+    """A glowing shape; radiance (W m^-2 sr^-1) a number or a colour, the same in all directions of its side.
+
+    sphere     radius |u|
+    disk       u, v: radii at right angles; glows on the side of u x v
+    rectangle  u, v: half edges at right angles; glows on the side of u x v
+    tube       u: from the middle to an end, |v| the radius; no caps
+    texture    factor on the radiance at (s, t) in [0, 1]^2 of a rectangle, s along u; None: 1 everywhere
+    """
+
+    shape: Literal["sphere", "disk", "rectangle", "tube"]
+    centre: Any  # m
+    u: Any  # m
+    v: Any  # m
+    radiance: Any
+    texture: Callable[[Any], Any] | None = None
+
+
+@dataclass(frozen=True)
+class PointLight:
+    """intensity (W/sr) a number or a colour."""
+
+    position: Any  # m
+    intensity: Any
 
 
 @dataclass(frozen=True)
@@ -195,10 +258,12 @@ class Fragments:
 
 @dataclass(frozen=True)
 class View:
-    """What a real-time renderer has of a scene. Parts that a scene lacks are None.
+    """What a real-time renderer has of a scene. Parts that a scene lacks are None or empty.
 
-    `visible(p, n, w)` is an offline ray caster for bakes: true where nothing opaque lies from a point p with
-    normal n along w.
+    Offline tools for bakes: `visible(p, n, w)`, true where nothing opaque lies from a point p with normal n
+    along w; `gather(p, w, seed)`, a noisy and unbiased sample of the radiance that arrives at p from w.
+    `trace(o, d)` gives the distance to the first surface (infinite where there is none): it stands for the
+    rasteriser, one ray per texel of a shadow map or cube map, in frames too.
     """
 
     width: int
@@ -207,18 +272,31 @@ class View:
     surface: Surface | None = None
     sun: Sun | None = None
     sky: float | None = None  # radiance of a uniform sky
+    environment: Callable[[Any], Any] | None = None  # radiance from a unit direction
+    lights: tuple[AreaLight, ...] = ()
+    points: tuple[PointLight, ...] = ()
     fog: Fog | None = None
     cloud: Cloud | None = None
     fragments: Fragments | None = None
     visible: Callable[[Any, Any, Any], Any] | None = None
+    trace: Callable[[Any, Any], Any] | None = None
+    gather: Callable[[Any, Any, int], Any] | None = None
 
     def brighter(self, k: float) -> View:
         """The same view with every source of light k times as strong."""
         scale = dataclasses.replace
+
+        def scaled(function: Callable | None) -> Callable | None:
+            return function and (lambda *given: k * function(*given))
+
         return scale(
             self,
             sun=self.sun and scale(self.sun, irradiance=k * self.sun.irradiance),
             sky=None if self.sky is None else k * self.sky,
+            environment=scaled(self.environment),
+            gather=scaled(self.gather),
+            lights=tuple(scale(light, radiance=k * light.radiance) for light in self.lights),
+            points=tuple(scale(light, intensity=k * light.intensity) for light in self.points),
             fog=self.fog and scale(self.fog, colour=k * self.fog.colour),
             fragments=self.fragments
             and scale(
@@ -267,6 +345,14 @@ class Scene:
 
     def view(self, size: int = 128) -> View:
         """What a renderer has, at size x size samples."""
+        raise NotImplementedError
+
+    def probes(self, size: int = 128) -> View:
+        """size x size points and directions inside the scene, for quantities that are taken there."""
+        raise NotImplementedError
+
+    def surfaces(self) -> dict:
+        """The opaque shapes without the lights, as Mitsuba dictionaries by name."""
         raise NotImplementedError
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from scenes.contract import Camera, Surface
+from scenes.contract import AreaLight, Camera, Surface
 
 SUN_DISTANCE = 1e5  # m: parallax across a scene of a few metres stays under 1e-4 rad
 SMALL_SUN = 0.02  # rad
@@ -95,7 +96,49 @@ def uniform_sky(radiance: float) -> dict:
 
 def diffuse(albedo: float | list[float]) -> dict:
     """A Lambertian surface."""
-    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": albedo}}
+    return {"type": "diffuse", "reflectance": rgb(albedo)}
+
+
+def glossy(albedo: Any, specular: Any, alpha: float) -> dict:
+    """Lambertian reflection of `albedo` plus `specular` times a single-scattering GGX lobe of width `alpha`
+    with Smith's masking and no Fresnel rise; a mirror below 1e-3. The two must sum to at most 1/2 each."""
+    lobe = {"specular_reflectance": rgb(2 * np.asarray(specular))}
+    if alpha < 1e-3:
+        mirror = {"type": "conductor", "material": "none", **lobe}
+    else:
+        mirror = {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": alpha, **lobe}
+    if not np.any(albedo):
+        return mirror | {"specular_reflectance": rgb(specular)}
+    base = {"type": "diffuse", "reflectance": rgb(2 * np.asarray(albedo))}
+    return {"type": "blendbsdf", "weight": 0.5, "base": base, "lobe": mirror}
+
+
+def rgb(value: Any) -> dict:
+    """A number or three as a Mitsuba colour."""
+    grey = np.ndim(value) == 0
+    return {"type": "rgb", "value": float(value) if grey else [float(x) for x in value]}
+
+
+def area_light(light: AreaLight, texture: np.ndarray | None = None) -> dict:
+    """A glowing shape as a Mitsuba dictionary; its fields must be numbers.
+
+    texture: (rows, columns, 3) factors on the radiance of a rectangle, row 0 at t = 1, looked up bilinearly
+    with clamping."""
+    c, u, v = (np.asarray(x, float) for x in (light.centre, light.u, light.v))
+    radiance = rgb(light.radiance)
+    if texture is not None:
+        bitmap = mi.Bitmap(np.ascontiguousarray(texture * np.asarray(light.radiance), np.float32))
+        radiance = {"type": "bitmap", "bitmap": bitmap, "raw": True, "wrap_mode": "clamp"}
+    glow = {"bsdf": diffuse(0.0), "emitter": {"type": "area", "radiance": radiance}}
+    if light.shape == "sphere":
+        return {"type": "sphere", "center": list(c), "radius": float(np.linalg.norm(u)), **glow}
+    if light.shape == "tube":
+        ends = {"p0": list(c - u), "p1": list(c + u)}
+        return {"type": "cylinder", **ends, "radius": float(np.linalg.norm(v)), **glow}
+    n = np.cross(u, v)
+    columns = np.column_stack([u, v, n / np.linalg.norm(n), c])
+    to_world = mi.ScalarTransform4f(np.vstack([columns, [0, 0, 0, 1]]))
+    return {"type": light.shape, "to_world": to_world, **glow}
 
 
 def camera_rays(sensor: mi.Sensor, size: int) -> Camera:
@@ -119,9 +162,31 @@ def g_buffer(surfaces: mi.Scene, camera: Camera) -> Surface:
     valid = si.is_valid()
     normal = dr.select(dr.dot(si.sh_frame.n, camera.direction) > 0, -si.sh_frame.n, si.sh_frame.n)
     albedo = si.bsdf().eval_diffuse_reflectance(si, valid)
-    surface = Surface(valid, si.p, mi.Vector3f(normal), mi.Color3f(albedo), si.t)
-    dr.eval(surface.valid, surface.position, surface.normal, surface.albedo, surface.distance)
+    surface = Surface(valid, si.p, mi.Vector3f(normal), mi.Color3f(albedo), si.t, uv=si.uv)
+    dr.eval(surface)
     return surface
+
+
+def ray_tracer(surfaces: mi.Scene):
+    """trace(o, d): the distance to the first surface, infinite where there is none."""
+
+    def trace(o: mi.Point3f, d: mi.Vector3f) -> mi.Float:
+        return surfaces.ray_intersect_preliminary(mi.Ray3f(o, d)).t
+
+    return trace
+
+
+def light_solver(world: mi.Scene, depth: int = -1):
+    """gather(p, w, seed): one path's radiance that arrives at p from w, as an offline light-map compiler
+    has it. depth: Mitsuba's max_depth, 1 for light seen directly."""
+    integrator = mi.load_dict({"type": "path", "max_depth": depth})
+
+    def gather(p: mi.Point3f, w: mi.Vector3f, seed: int) -> mi.Color3f:
+        random = mi.load_dict({"type": "independent"})
+        random.seed(seed, dr.width(p + w))
+        return integrator.sample(world, random, mi.RayDifferential3f(p, w))[0]
+
+    return gather
 
 
 def ray_caster(surfaces: mi.Scene):

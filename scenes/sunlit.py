@@ -16,6 +16,7 @@ from scenes.mitsuba_parts import (
     g_buffer,
     perspective,
     ray_caster,
+    ray_tracer,
     round_sun,
     uniform_sky,
 )
@@ -31,10 +32,6 @@ class Sunlit(Scene):
     albedo: Annotated[float, Axis(0, 0.9)] = 0.5
     sun_irradiance: Annotated[float, Axis(0, 100, unit="W/m^2")] = math.pi
     sky: Annotated[float, Axis(0, 10, unit="W/m^2/sr")] = 0.2
-
-    def surfaces(self) -> dict:
-        """The opaque shapes, as Mitsuba dictionaries by name."""
-        raise NotImplementedError
 
     def sensor(self, size: int) -> dict:
         """The camera."""
@@ -60,6 +57,7 @@ class Sunlit(Scene):
             sun=Sun(toward, self.light_radius, self.sun_irradiance),
             sky=self.sky,
             visible=ray_caster(surfaces),
+            trace=ray_tracer(surfaces),
         )
 
 
