@@ -179,6 +179,50 @@ def needs(
 
 
 @app.command()
+def stability(
+    name: str,
+    axis: Annotated[str | None, typer.Option(help="a field of its scenes; else those that it names")] = None,
+    scene: Annotated[str | None, typer.Option(help="only this scene")] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(help="rmse allowed; else twice that of the scene")
+    ] = None,
+    points: Annotated[int, typer.Option(min=3, max=65, help="along an axis")] = 9,
+    size: Annotated[int, typer.Option(min=8, max=1024, help="pixels along a side")] = 64,
+    device: Device = "auto",
+    plugin: Plugins = None,
+    folder: Annotated[Path | None, typer.Option("--out", help="folder of the run")] = None,
+    as_json: Json = False,
+) -> None:
+    """Sweep a technique to both ends of each axis: where it stays within tolerance, and what breaks first."""
+    from compare import run
+    from compare.stability import rows, sweeps
+    from compare.task import find_measured
+
+    variant = prepare(device, plugin)
+    found = sweeps(find_measured(name), scene, axis, points, size)
+    folder = folder or Path("runs/stability")
+    run.open_run(folder, {"profile": "stability", "variant": variant, "command": command_line()})
+    plugins = tuple(str(p.resolve()) for p in plugin or ())
+    with progress() as bar:
+        line = bar.add_task("starting", total=None)
+        run.execute(
+            [t for tasks in found.values() for t in tasks],
+            folder,
+            device,
+            plugins,
+            lambda what, done, total: bar.update(line, description=what, completed=done, total=total),
+            say,
+        )
+    known = {r["key"]: r for r in run.records(folder)}
+    table = []
+    for (_, field), tasks in found.items():
+        keys = [f"{t.key(variant)}-{q}" for t in tasks for q in t.quantities]
+        table += rows([known[k] for k in keys if k in known], field, tolerance)
+    shown = ("technique", "scene", "quantity", "error", "tolerance", "envelope")
+    show(table if as_json else [{k: r[k] for k in shown} for r in table], as_json)
+
+
+@app.command()
 def report(
     folder: RunFolder = Path("runs/quick"),
     target: Annotated[Path | None, typer.Option("--out", help="folder of the page")] = None,
@@ -447,6 +491,46 @@ def bench_reference(
         show([bench.brief(r) for r in rows], False)
         out.print(bench.sentence(whole), bench.memory_sentence(memory), sep="\n", highlight=False)
     raise typer.Exit({"pass": 0, "fail": 1, "not judged": 3}[whole["verdict"]])
+
+
+@bench_app.command("frames")
+def bench_frames(
+    names: Annotated[list[str] | None, typer.Argument(help="techniques; all where none is named")] = None,
+    theme: Annotated[str | None, typer.Option(help="all techniques of a theme")] = None,
+    scene: Annotated[str | None, typer.Option(help="only this scene; else each technique's first")] = None,
+    size: Annotated[int, typer.Option(min=64, max=2048, help="pixels along a side")] = 512,
+    growth: Annotated[bool, typer.Option(help="cost against pixels, 128 to 2048 a side")] = False,
+    along: Annotated[str | None, typer.Option(help="cost against this field of the scene")] = None,
+    folder: Annotated[Path, typer.Option("--out", help="run that keeps the table")] = Path("runs/quick"),
+    device: Device = "auto",
+    as_json: Json = False,
+) -> None:
+    """What binds every frame, how near it comes to what the machine can do, and how its cost grows."""
+    prepare(device, None)
+    from compare import speed
+    from compare.selection import select
+    from compare.task import RGB_RENDERING
+
+    chosen = [t for t in select(names, theme) if t.name != RGB_RENDERING]
+    pairs = [(t, s) for t in chosen for s in (t.on if scene else t.on[:1]) if scene in (None, s.__name__)]
+    if not pairs:
+        raise BadInput(f"none of these techniques is for the scene {scene}: drop --scene or name another")
+    rows = []
+    with progress() as bar:
+        line = bar.add_task("starting", total=len(pairs))
+        for technique, cls in pairs:
+            bar.update(line, description=technique.name)
+            row = speed.frame_row(technique, cls(), size)
+            if growth:
+                row["growth"] = speed.growth(technique, cls())
+            if along:
+                row["along"] = speed.along(technique, cls(), along, size)
+            rows.append(row)
+            bar.advance(line)
+    speed.save(folder, rows)
+    show(rows if as_json else [speed.brief(r) for r in rows], as_json)
+    if any(r["verdict"] == "slow" for r in rows):
+        raise typer.Exit(1)
 
 
 @scenes_app.command("export")

@@ -104,18 +104,19 @@ def work(frame: Callable[[], Any]) -> dict:
     """Operations, rays and bytes of a frame, each turn of each loop counted. The same on every run."""
     with dr.scoped_set_flag(dr.JitFlag.SymbolicLoops, False), recording():
         launched = run(frame)
-    operations = rays = traffic = 0
+    operations = rays = moved = 0
     for k in launched:
         if k["type"] is not dr.KernelType.JIT:
             continue
         text = k["ir"] if isinstance(k["ir"], str) else k["ir"].getvalue()
         operations += k["operation_count"] * k["size"]
         rays += len(RAY.findall(text)) * k["size"]
-        traffic += _bytes(text) * k["size"]
-    return {"operations": operations, "rays": rays, "bytes": traffic, "kernels": len(launched)}
+        moved += traffic(text) * k["size"]
+    return {"operations": operations, "rays": rays, "bytes": moved, "kernels": len(launched)}
 
 
-def _bytes(text: str) -> int:
+def traffic(text: str) -> int:
+    """Bytes that one item of a kernel loads and stores."""
     total = 0
     for vector, gathered, ptx in VECTOR_ACCESS.findall(text):
         if ptx:

@@ -232,7 +232,7 @@ def plan(
             ]
             tasks += [task(rung, f"ladder:{i}") for i, rung in enumerate(ladder(technique, settings)) if i]
             for name in technique.stress.get(cls.__name__, ()):
-                points = _points(cls, name, profile.stress_points)
+                points = points_on(cls, name, profile.stress_points)
                 tasks += [
                     task(settings, f"stress:{name}", side=profile.stress_size, **{name: x}) for x in points
                 ]
@@ -288,7 +288,8 @@ def merge(tasks: list[Task]) -> list[Task]:
     return list(found.values())
 
 
-def _points(cls: type[Scene], name: str, n: int) -> list[float]:
+def points_on(cls: type[Scene], name: str, n: int) -> list[float]:
+    """n values of a field from end to end of its axis. Raises BadInput for a field without one."""
     axes = cls.axes()
     if name not in axes:
         raise BadInput(f"{cls.__name__} has no axis {name!r} to stress: it has {', '.join(axes)}")

@@ -75,7 +75,14 @@ def render(data: dict, folder: Path) -> str:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"number": number, "rough": rough, "words": words, "label": label, "unit": unit}
+    environment.filters |= {
+        "number": number,
+        "rough": rough,
+        "words": words,
+        "label": label,
+        "unit": unit,
+        "tolerance": tolerance,
+    }
     page = environment.get_template("index.html").render(
         data=data,
         run=data["run"],
@@ -125,6 +132,12 @@ def nearest_tracer(case: dict, known: dict[str, dict]) -> dict | None:
         return None
     cost = math.log(max(head["costs"]["frame_ms"]["value"], 1e-9))
     return min(curve, key=lambda r: abs(math.log(max(r["costs"]["frame_ms"]["value"], 1e-9)) - cost))
+
+
+def tolerance(envelopes: dict[str, dict], relative: bool) -> str:
+    """The tolerance of a case's envelopes."""
+    value = next(iter(envelopes.values()))["tolerance"]
+    return f"{100 * value:.3g} %" if relative else f"{value:.3g}"
 
 
 def number(value: float | None, digits: int = 3) -> str:

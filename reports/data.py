@@ -7,6 +7,7 @@ findings     of each kind the smallest input that shows it
 failures     measurements that gave no figures
 truths       how each truth was made
 verification how the truths were proved, by kind
+speed        what binds the frames, where the bench was run
 records      every measurement, by key
 """
 
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from approximations.contract import Technique
+from compare import envelope, speed
 from compare.gate import ASSUMPTIONS, Verdict, describe, judge, load_thresholds
 from compare.run import path_tracer_curve, records
 from compare.summary import cost_at_error, error_at_cost, interval_text, is_length
@@ -40,6 +42,9 @@ def gather(folder: Path) -> dict:
     techniques.sort(key=lambda t: (t["theme"], t["baseline"], t["name"]))
     cases = [c for t in techniques for c in t["cases"]]
     name_anchors(techniques)
+    known_axes = {name: axes(scenes[name]) for name in {c["scene"] for c in cases} & set(scenes)}
+    for c in cases:
+        c["envelopes"] = envelopes(c, {r["key"]: r for r in known}, known_axes.get(c["scene"], {}))
     findings = smallest(known)
     failures = [r["key"] for r in known if r["status"] != "ok"]
     return {
@@ -47,12 +52,13 @@ def gather(folder: Path) -> dict:
         "overview": [overview_row(c, known) for c in cases],
         "techniques": techniques,
         "scenes": {name: scenes[name].shows for name in {c["scene"] for c in cases} & set(scenes)},
-        "axes": {name: axes(scenes[name]) for name in {c["scene"] for c in cases} & set(scenes)},
+        "axes": known_axes,
         "findings": findings,
         "failures": failures,
         "verdicts": [plain_verdict(v) for v in verdicts],
         "truths": truths(known),
         "verification": verification_tables(verification.read(folder)),
+        "speed": speed.read(folder),
         "records": {r["key"]: r for r in known},
     }
 
@@ -233,6 +239,21 @@ def stress(head: dict, own: list[dict]) -> dict[str, list[dict]]:
             if others == head["fields"] and isinstance(r["fields"][field], (int, float)):
                 found.setdefault(field, []).append({"key": r["key"], "x": r["fields"][field]})
     return {field: sorted(points, key=lambda p: p["x"]) for field, points in found.items()}
+
+
+def envelopes(c: dict, known: dict[str, dict], units: dict[str, dict]) -> dict[str, dict]:
+    """Field -> the interval around the case's own value in which the error stays under twice its own, with a
+    sentence that says so."""
+    head, found = known[c["head"]], {}
+    for field, points in c["stress"].items():
+        start = envelope.point(head, field)
+        if start.rmse is None:
+            continue
+        swept = [envelope.point(known[p["key"]], field) for p in points]
+        axis = units.get(field, {})
+        held = envelope.envelope(swept, start, envelope.tolerance_of(start.rmse), axis.get("log", False))
+        found[field] = held | {"said": envelope.sentence(field, held, axis.get("unit", "1"))}
+    return found
 
 
 def axes(scene: type[Scene]) -> dict[str, dict]:
