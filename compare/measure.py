@@ -142,12 +142,12 @@ def judge(
 
 
 def findings(image: np.ndarray, truth: Truth, quantity: Quantity) -> list[dict]:
-    """Flaws of the image, shares above 1, and truths whose variance rests on rare bright paths."""
+    """Flaws of the image, shares above 1, and light whose variance rests on rare bright paths."""
     found = metrics.flaws(image, signed=quantity.kind == "length")
     if quantity.kind == "ratio" and np.nanmax(image) > 1 + 1e-6:
         found.append({"kind": "above 1", "text": f"a share of light reaches {np.nanmax(image):.6g}"})
     rare = truth.provenance.get("rare_paths", {"count": 0})
-    if rare["count"]:
+    if rare["count"] and quantity.kind == "radiance":
         worst = rare["worst"][0]
         found.append(
             {

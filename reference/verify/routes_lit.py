@@ -8,6 +8,7 @@ of `scenes.contract.Surface`, V what `View.trace` finds:
     environment   L = 4 pi / N sum_w f L_env(w) V (n . w)+,                   w uniform in the sphere
 
 All light: paths without light sampling, which are scattered by cosine and find the lamps by themselves.
+Openness: shadow rays against the radiance of white surfaces under a white sky.
 """
 
 from __future__ import annotations
@@ -18,8 +19,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from reference.visibility import light_point
-from scenes.contract import AreaLight, Scene, View
+from reference.render import load_description, render_once
+from reference.transport import Transport
+from reference.verify.agreement import Sampled
+from reference.verify.checks import Comparison, check
+from reference.verify.routes import SIZE, name, seeds
+from reference.visibility import light_point, sky_visibility
+from scenes.contract import SKY_VISIBILITY, AreaLight, Scene, View
+from scenes.mitsuba_parts import diffuse, uniform_sky
+from scenes.occluders import Occluders
 
 LIFT = 1e-4
 """m: shadow rays start this far above the surface."""
@@ -150,3 +158,33 @@ def whole(scene: Scene, size: int, samples: int, seed: int, *, lamps: bool = Tru
             break
     image = [dr.block_sum(channel, samples) / samples for channel in found]
     return np.array(image, np.float64).T.reshape(size, size, 3)
+
+
+SKIES = (Occluders(), Occluders(elevation=10.0, gap=0.5))
+
+
+@check(
+    "route",
+    claim="the openness of a surface is the radiance of white ones under a white sky",
+    routes=("own Monte Carlo", "direct"),
+    scenes=tuple({type(s).__name__ for s in SKIES}),
+)
+def sky_visibility_against_direct(seed: int) -> list[Comparison]:
+    """Shadow rays spread by cosine, and Mitsuba's estimator with light and BSDF samples."""
+    return [
+        Comparison(
+            name(scene, SKY_VISIBILITY),
+            Sampled.of([sky_visibility(scene, SIZE, 256, s) for s in seeds(seed, 0)]),
+            Sampled.of([white_under_white(scene, s) for s in seeds(seed, 1)]),
+        )
+        for scene in SKIES
+    ]
+
+
+def white_under_white(scene: Scene, seed: int) -> np.ndarray:
+    """(SIZE, SIZE, 1): a scene's surfaces in white under a white sky, light that met one of them."""
+    white = {k: {**s, "bsdf": diffuse(1.0)} for k, s in scene.surfaces().items()}
+    sensor = scene.mitsuba(SIZE)["sensor"]
+    world = {"type": "scene", **white, "sky": uniform_sky(1.0), "sensor": sensor}
+    loaded = load_description(world, Transport({"type": "direct"}, "independent", 256))
+    return render_once(loaded, 256, seed)[..., :1]
