@@ -19,7 +19,7 @@ from scenes.contract import DIRECT_RADIANCE, AreaLight, Axis, Scene, View, scene
 from scenes.mitsuba_parts import area_light, camera_rays, diffuse, film, g_buffer, glossy
 
 HALF = 2.0  # m, half the side of the square of floor that is seen
-LIFT = 0.02  # m, from the floor to where camera rays start, along them
+LIFT = 0.002  # m, from the floor to where camera rays start, along them
 
 # fmt: off
 PATTERN = (
@@ -53,7 +53,7 @@ def pattern() -> np.ndarray:
 class LitFloor(Scene):
     """A floor at z = 0 and one light of half extent `size`, whose middle is `height` above it.
 
-    disk, rectangle, textured: face the floor at tilt 0 and the camera's side (-y) at 90 degrees
+    disk, rectangle, textured: face the floor at tilt 0, the camera's side (-y) at 90 degrees, then upwards
     tube: lies level at tilt 0 and stands at 90 degrees; a sixth as thick as long
     Where a light dips below the floor, its lower part lights nothing, and the floor inside it is black.
     """
@@ -61,7 +61,7 @@ class LitFloor(Scene):
     shape: Literal["sphere", "disk", "rectangle", "tube", "textured"] = "rectangle"
     size: Annotated[float, Axis(0.02, 20, log=True, unit="m")] = 0.6
     height: Annotated[float, Axis(0.01, 4, log=True, unit="m")] = 0.9
-    tilt: Annotated[float, Axis(0, 90, unit="deg")] = 50.0
+    tilt: Annotated[float, Axis(0, 130, unit="deg")] = 50.0
     albedo: Annotated[float, Axis(0, 0.5)] = 0.3
     radiance: Annotated[float, Axis(0.1, 100, log=True, unit="W/m^2/sr")] = 3.0
 
@@ -156,6 +156,20 @@ class AreaLitPlane(LitFloor):
 
 @scene(
     theme="area_lights",
+    shows="a ball or a tube of light over a floor that reflects it",
+    quantities=(DIRECT_RADIANCE,),
+    exposure=(-3.0, 1.0),
+)
+@dataclass(frozen=True)
+class RoundLitPlane(AreaLitPlane):
+    """The same floor under a light without corners, of half extent `size`."""
+
+    shape: Literal["sphere", "disk", "tube"] = "sphere"
+    size: Annotated[float, Axis(0.02, 20, log=True, unit="m")] = 0.4
+
+
+@scene(
+    theme="area_lights",
     shows="the irradiance of a light of any size and shape",
     quantities=(DIRECT_RADIANCE,),
     exposure=(-3.0, 1.0),
@@ -164,7 +178,7 @@ class AreaLitPlane(LitFloor):
 class DiffuseAreaLitPlane(LitFloor):
     """A diffuse floor seen from above."""
 
-    shape: Literal["sphere", "disk", "rectangle", "tube"] = "rectangle"
+    shape: Literal["sphere", "disk", "rectangle"] = "rectangle"
     albedo: Annotated[float, Axis(0, 1)] = 0.5
 
 
