@@ -164,7 +164,7 @@ class AreaLitPlane(LitFloor):
 class RoundLitPlane(AreaLitPlane):
     """The same floor under a light without corners, of half extent `size`."""
 
-    shape: Literal["sphere", "disk", "tube"] = "sphere"
+    shape: Literal["sphere", "tube"] = "sphere"
     size: Annotated[float, Axis(0.02, 20, log=True, unit="m")] = 0.4
 
 

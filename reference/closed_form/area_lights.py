@@ -2,7 +2,7 @@ r"""Irradiance from glowing shapes of unit radiance, in float64: Lambert's conto
 
 By Stokes, light of radiance 1 from a region bounded by C gives a receiver at p of unit normal n
 
-    E = 1/2 n . oint_C (r x dr) / |r|^2,    r from p to the contour, C as the receiver sees it counterclockwise.
+    E = 1/2 n . oint_C (r x dr) / |r|^2,    r from p to the contour, counterclockwise as the receiver sees it.
 
     polygon   an edge a -> b adds 1/2 angle(a, b) n . (a x b) / |a x b|            (Lambert 1760)
     disk      an arc has an elementary integral, see `_arc`

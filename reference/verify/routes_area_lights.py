@@ -1,4 +1,4 @@
-"""Irradiance of glowing shapes in closed form against Mitsuba's `direct`, along rays through pixel centres."""
+"""Irradiance of glowing shapes in closed form against Mitsuba, along rays through pixel centres."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def tubes_against_direct(seed: int) -> list[Comparison]:
     scenes=("AreaLitPlane",),
 )
 def picture_against_direct(seed: int) -> Comparison:
-    """Bilinear lookup spreads a texel over its neighbours, so that the 64 x 64 pieces take its values there."""
+    """64 x 64 pieces, each with the bilinear value at its middle."""
     scene = AreaLitPlane(shape="textured", specular=0.0, albedo=0.5)
     light, p = scene.light(), area_lights.floor_points(SIZE)
     n = 64
