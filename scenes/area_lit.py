@@ -61,7 +61,7 @@ class LitFloor(Scene):
     shape: Literal["sphere", "disk", "rectangle", "tube", "textured"] = "rectangle"
     size: Annotated[float, Axis(0.02, 20, log=True, unit="m")] = 0.6
     height: Annotated[float, Axis(0.01, 4, log=True, unit="m")] = 0.9
-    tilt: Annotated[float, Axis(0, 130, unit="deg")] = 50.0
+    tilt: Annotated[float, Axis(0, 130, unit="deg")] = 20.0
     albedo: Annotated[float, Axis(0, 0.5)] = 0.3
     radiance: Annotated[float, Axis(0.1, 100, log=True, unit="W/m^2/sr")] = 3.0
 
@@ -165,7 +165,21 @@ class RoundLitPlane(AreaLitPlane):
     """The same floor under a light without corners, of half extent `size`."""
 
     shape: Literal["sphere", "tube"] = "sphere"
-    size: Annotated[float, Axis(0.02, 20, log=True, unit="m")] = 0.4
+    size: Annotated[float, Axis(0.02, 0.85, log=True, unit="m")] = 0.4
+
+
+@scene(
+    theme="area_lights",
+    shows="a picture that glows, over a floor that reflects it",
+    quantities=(DIRECT_RADIANCE,),
+    exposure=(-3.0, 1.0),
+)
+@dataclass(frozen=True)
+class PictureLitPlane(AreaLitPlane):
+    """The same floor under a rectangle with a coloured picture on it."""
+
+    shape: Literal["textured"] = "textured"
+    radiance: Annotated[float, Axis(0.1, 100, log=True, unit="W/m^2/sr")] = 6.0
 
 
 @scene(
