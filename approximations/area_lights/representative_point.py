@@ -26,9 +26,10 @@ Ambiguous:
   that is covered, which leaves f out and is right for mirrors.
 - The share s of the cone. Accounts of the Phong form have 2 sqrt(2 / (m + 2)), which is 2 alpha for the
   exponent m = 2 / alpha^2 - 2; with s = 1/2, D(n) times the cone's solid angle is the lobe's whole energy,
-  seen from above. From aside a lobe of half vectors fills only n . v of that solid angle, so that a light
-  that fills the cone is reflected 1 / (n . v) times too brightly: `cone` "narrowed" takes sqrt(n . v) off
-  the radius of the disk.
+  seen from above. From aside a lobe of half vectors fills only n . v of that solid angle, and the cone's
+  section of the plane is an ellipse, 1 / (r . m) times the disk, r the mirror direction. So a light that
+  fills the cone is reflected (r . m) / (n . v) times too brightly, which is right for a ceiling alone.
+  `cone` "lobe" gives the disk the area of the lobe's section.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def representative_point(
     diffuse: Literal["halfway", "centre", "exact"] = "halfway",
     solid_angle: Literal["light", "right", "differential"] = "light",
     specular: Literal["area", "share", "exact"] = "area",
-    cone: Literal["round", "narrowed"] = "round",
+    cone: Literal["round", "lobe"] = "round",
     energy: Annotated[float, Sweep(0.25, 0.5, low=0.05, high=0.95)] = 0.5,
     texture: Literal["filtered", "mean", "point"] = "filtered",
 ) -> mi.Color3f:
@@ -96,7 +97,7 @@ def representative_point(
     solid_angle  Omega: of a "right" pyramid or cone, or "differential".
     specular     highlight at q_s times the solid angle of the overlap ("area"), the "share" of the cone
                  that the light covers, or "exact": Gauss points, for alpha of 0.1 and more.
-    cone         as wide from every side ("round"), or "narrowed" by sqrt(n . v).
+    cone         its disk as wide from every side ("round"), or as large as the "lobe" makes it.
     energy       s, the share of the lobe's energy inside the cone.
     texture      of the light: "filtered" over the footprint, its "mean", or what is at the "point" itself.
     """
@@ -170,8 +171,8 @@ def highlight(
     mirror = 2 * dr.dot(n, v) * n - v
     middle, t = flat.where(mirror)
     reach = t * 2 * x / (1 - x * x)
-    if cone == "narrowed":
-        reach *= dr.safe_sqrt(dr.dot(n, v))
+    if cone == "lobe":
+        reach *= dr.safe_sqrt(dr.dot(n, v) * t / flat.ahead)
     q, area = overlap(flat, middle, reach)
     if how == "share":
         covered = area / (dr.pi * dr.square(reach))
