@@ -1,4 +1,4 @@
-"""GGX: its parts against Mitsuba's, the punctual technique against a closed form, the closed form against Mitsuba."""
+"""GGX: its parts and the closed form of point lights against Mitsuba's, the technique's settings."""
 
 import drjit as dr
 import mitsuba as mi
@@ -20,7 +20,12 @@ def directions(n=400, seed=3):
 
 def mitsuba_lobe(l, v, alpha, **material):
     """f n.l of a roughconductor."""
-    kind = {"type": "roughconductor", "distribution": "ggx", "alpha": alpha, **(material or {"material": "none"})}
+    kind = {
+        "type": "roughconductor",
+        "distribution": "ggx",
+        "alpha": alpha,
+        **(material or {"material": "none"}),
+    }
     bsdf = mi.load_dict(kind)
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(l))
     si.wi, si.t = v, 1.0
