@@ -225,7 +225,7 @@ def looker(light: AreaLight, picture: Picture, flat: FlatLight, texture: str):
 
 def filtered(light: AreaLight) -> mi.Texture3f:
     """The picture in LEVELS blurs, the last one its mean."""
-    s = (np.arange(TEXELS) + 0.5) / TEXELS
+    s = np.linspace(0, 1, 2 * TEXELS + 1)[1::2]
     grid = np.stack(np.meshgrid(s, s), axis=0).reshape(2, -1).astype(np.float32)
     texels = np.array(light.texture(mi.Point2f(grid))).T.reshape(TEXELS, TEXELS, 3)
     width, height = (2 * float(np.linalg.norm(np.array(e))) for e in (light.u, light.v))
