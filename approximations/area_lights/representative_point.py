@@ -94,7 +94,7 @@ def representative_point(
     """Radiance (W m^-2 sr^-1) towards the camera, one colour per pixel.
 
     diffuse      q_d: "halfway", or the light's "centre"; or "exact": Gauss points all over the light.
-    solid_angle  Omega: of a "right" pyramid or cone, or "differential".
+    solid_angle  Omega: of the whole "light", or at q_d: of a "right" pyramid or cone, or "differential".
     specular     highlight at q_s times the solid angle of the overlap ("area"), the "share" of the cone
                  that the light covers, or "exact": Gauss points, for alpha of 0.1 and more.
     cone         its disk as wide from every side ("round"), or as large as the "lobe" makes it.
@@ -236,4 +236,4 @@ def filtered(light: AreaLight) -> mi.Texture3f:
         across, up = (m / m.sum(axis=1, keepdims=True) for m in (across, up))
         levels.append(np.einsum("ij,kl,jlc->ikc", up, across, texels))
     stack = np.ascontiguousarray(np.stack(levels), np.float32)
-    return mi.Texture3f(mi.TensorXf(stack), wrap_mode=dr.WrapMode.Clamp)
+    return mi.Texture3f(mi.TensorXf(stack), wrap_mode=dr.WrapMode.Clamp, use_accel=False)
