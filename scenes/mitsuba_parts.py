@@ -127,7 +127,7 @@ def area_light(light: AreaLight, texture: np.ndarray | None = None) -> dict:
     c, u, v = (np.asarray(x, float) for x in (light.centre, light.u, light.v))
     radiance = rgb(light.radiance)
     if texture is not None:
-        bitmap = mi.Bitmap(np.ascontiguousarray(texture * np.asarray(light.radiance), np.float32))
+        bitmap = mi.Bitmap(np.ascontiguousarray(texture[::-1] * np.asarray(light.radiance), np.float32))
         radiance = {"type": "bitmap", "bitmap": bitmap, "raw": True, "wrap_mode": "clamp"}
     glow = {"bsdf": diffuse(0.0), "emitter": {"type": "area", "radiance": radiance}}
     if light.shape == "sphere":
