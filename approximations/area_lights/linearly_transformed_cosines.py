@@ -179,7 +179,7 @@ def polygon(
     size = dr.norm(f)
     share = (dr.square(size) + f.z) / (size + 1) if horizon == "sphere" else f.z
     colour = shine(flat, frame, inverse, f, picture, lookup) if picture else mi.Color3f(1)
-    return dr.maximum(share, 0) * colour
+    return dr.select(share > 0, share * colour, 0)
 
 
 def arc(a: mi.Vector3f, b: mi.Vector3f) -> mi.Vector3f:

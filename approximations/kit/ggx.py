@@ -1,8 +1,8 @@
 r"""The parts of a GGX reflection, f = D G F / (4 n.l n.v), as functions of cosines.
 
 Walter, Marschner, Li and Torrance, "Microfacet Models for Refraction through Rough Surfaces" (2007). alpha
-is the width of the lobe, h the unit vector halfway between l and v. Cosines and alpha may be numbers or arrays
-of any float type, in (0, 1].
+is the width of the lobe, h the unit vector halfway between l and v. Cosines and alpha may be numbers or
+arrays of any float type, in (0, 1].
 """
 
 from __future__ import annotations
