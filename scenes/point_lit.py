@@ -1,4 +1,4 @@
-"""A glossy ball under point lights: every angle of light and eye at once, and highlights on a curved surface."""
+"""A glossy ball under point lights: every angle of light and eye at once, highlights on a curved surface."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ MIRROR = 1e-3  # alpha under which the lobe is a mirror's, in which a point ligh
 class PointLitBall(Scene):
     """A ball of radius 1 m, seen level from -y, under `lights` equal lights that share `intensity`.
 
-    It reflects albedo / pi plus a single-scattering GGX lobe of width roughness^2 with separable Smith masking
-    and the Fresnel reflectance of a dielectric that reflects `f0` head on. The lights stand 3 m from its
-    middle, spread over the eye's side of it.
+    It reflects albedo / pi plus a single-scattering GGX lobe of width roughness^2 with separable Smith
+    masking and the Fresnel reflectance of a dielectric that reflects `f0` head on. The lights stand 3 m from
+    its middle, spread over the eye's side of it.
     """
 
     roughness: Annotated[float, Axis(0, 1)] = 0.3

@@ -15,8 +15,9 @@ Ambiguous or wrong:
 - a may be the roughness itself (`width`).
 - G is not named: Walter's paper has the separable product of Smith's G1; `masking` offers Smith's correlated
   form, Schlick's without roots, and none (G = 1: the quotient then blows up at the edge).
-- D as printed subtracts numbers near 1. In half precision it is gone for a under 0.1, and over 65504, where a is
-  under 0.0022, it is infinite. `sine` writes 1 - (n.h)^2 as |n x h|^2, which keeps its digits.
+- D as printed subtracts numbers near 1: in half precision little is left of it for a under 0.1, and a divisor
+  of 0 for a under 0.013. `sine` writes 1 - (n.h)^2 as |n x h|^2, which keeps its digits until D itself is
+  over 65504, for a under 0.0022.
 - A roughness of 0 is 0 / 0 in the middle of the highlight: `smoothest` bounds a from below, 0 as printed.
 - A buffer that holds no more than 1 cuts highlights off, and what a light adds under half a step is lost.
 """

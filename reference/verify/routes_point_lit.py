@@ -29,5 +29,10 @@ def ggx_against_direct(seed: int) -> list[Comparison]:
         PointLitBall(roughness=1.0, f0=0.5, albedo=0.0, lights=16),
         PointLitBall(roughness=0.0, albedo=0.5),
     )
-    found = [(s, lit_ball(s, SIZE)) for s in cases]
+    return compared_with_mitsuba(cases, seed)
+
+
+def compared_with_mitsuba(scenes: tuple[PointLitBall, ...], seed: int) -> list[Comparison]:
+    """Each scene along rays through the centres of SIZE x SIZE pixels."""
+    found = [(s, lit_ball(s, SIZE)) for s in scenes]
     return [compared(s, DIRECT_RADIANCE, e, seed, 64, within=ROUNDING * np.abs(e)) for s, e in found]
