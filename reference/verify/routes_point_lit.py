@@ -35,4 +35,4 @@ def ggx_against_direct(seed: int) -> list[Comparison]:
 def compared_with_mitsuba(scenes: tuple[PointLitBall, ...], seed: int) -> list[Comparison]:
     """Each scene along rays through the centres of SIZE x SIZE pixels."""
     found = [(s, lit_ball(s, SIZE)) for s in scenes]
-    return [compared(s, DIRECT_RADIANCE, e, seed, 64, within=ROUNDING * np.abs(e)) for s, e in found]
+    return [compared(s, DIRECT_RADIANCE, e, seed, 512, within=ROUNDING * np.abs(e)) for s, e in found]
