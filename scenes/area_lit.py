@@ -211,5 +211,5 @@ def _inside(light: AreaLight, p: mi.Point3f) -> mi.Bool:
 def _lookup(texels: np.ndarray):
     """Bilinear lookup at (s, t), clamped at the edges."""
     tensor = mi.TensorXf(np.ascontiguousarray(texels[::-1], np.float32))
-    texture = mi.Texture2f(tensor, wrap_mode=dr.WrapMode.Clamp, filter_mode=dr.FilterMode.Linear)
+    texture = mi.Texture2f(tensor, use_accel=False, wrap_mode=dr.WrapMode.Clamp)
     return lambda st: mi.Color3f(texture.eval(st))

@@ -77,14 +77,14 @@ def most_representative_point(
         gap = dr.dot(mirror, on_line) * mirror - on_line
         to = on_line + gap * dr.minimum(1, radius * dr.rsqrt(dr.maximum(dr.squared_norm(gap), 1e-12)))
         d0, d1, d = dr.norm(c0), dr.norm(c1), dr.norm(on_line)
-        lobe = ggx_cosine(n, v, dr.normalize(to), alpha)
+        gloss = ggx_cosine(n, v, dr.normalize(to), alpha)
         if dimming == "widened":
             across = alpha / dr.minimum(1, alpha + widening * radius / d)
             along = alpha / dr.minimum(1, alpha + widening * dr.norm(c1 - c0) / d)
-            lobe *= across * across * along
+            gloss *= across * across * along
         lambert = 0.5 * dr.maximum(dr.dot(n, c0) / d0 + dr.dot(n, c1) / d1, 0)
         facing = 2 * intensity / (d0 * d1 + dr.dot(c0, c1))
-        total += facing * (surface.albedo * dr.inv_pi * lambert + surface.specular * lobe)
+        total += facing * (surface.albedo * dr.inv_pi * lambert + surface.specular * gloss)
     return dr.select(surface.valid, total, 0)
 
 

@@ -26,9 +26,10 @@ Ambiguous:
   that is covered, which leaves f out and is right for mirrors.
 - The share s of the cone. Accounts of the Phong form have 2 sqrt(2 / (m + 2)), which is 2 alpha for the
   exponent m = 2 / alpha^2 - 2; with s = 1/2, D(n) times the cone's solid angle is the lobe's whole energy,
-  seen from above. From aside a lobe of half vectors fills only n . v of that solid angle, so that a light
-  that fills the cone is reflected 1 / (n . v) times too brightly: `cone` "narrowed" takes sqrt(n . v) off
-  the radius of the disk.
+  seen from above. From aside a lobe of half vectors fills only n . v of that solid angle, and the cone's
+  section of the plane is an ellipse, 1 / (r . m) times the disk, r the mirror direction. So a light that
+  fills the cone is reflected (r . m) / (n . v) times too brightly, which is right for a ceiling alone.
+  `cone` "lobe" gives the disk the area of the lobe's section.
 """
 
 from __future__ import annotations
@@ -86,17 +87,17 @@ def representative_point(
     diffuse: Literal["halfway", "centre", "exact"] = "halfway",
     solid_angle: Literal["light", "right", "differential"] = "light",
     specular: Literal["area", "share", "exact"] = "area",
-    cone: Literal["round", "narrowed"] = "round",
+    cone: Literal["round", "lobe"] = "round",
     energy: Annotated[float, Sweep(0.25, 0.5, low=0.05, high=0.95)] = 0.5,
     texture: Literal["filtered", "mean", "point"] = "filtered",
 ) -> mi.Color3f:
     """Radiance (W m^-2 sr^-1) towards the camera, one colour per pixel.
 
     diffuse      q_d: "halfway", or the light's "centre"; or "exact": Gauss points all over the light.
-    solid_angle  Omega: of a "right" pyramid or cone, or "differential".
+    solid_angle  Omega: of the whole "light", or at q_d: of a "right" pyramid or cone, or "differential".
     specular     highlight at q_s times the solid angle of the overlap ("area"), the "share" of the cone
                  that the light covers, or "exact": Gauss points, for alpha of 0.1 and more.
-    cone         as wide from every side ("round"), or "narrowed" by sqrt(n . v).
+    cone         its disk as wide from every side ("round"), or as large as the "lobe" makes it.
     energy       s, the share of the lobe's energy inside the cone.
     texture      of the light: "filtered" over the footprint, its "mean", or what is at the "point" itself.
     """
@@ -170,8 +171,8 @@ def highlight(
     mirror = 2 * dr.dot(n, v) * n - v
     middle, t = flat.where(mirror)
     reach = t * 2 * x / (1 - x * x)
-    if cone == "narrowed":
-        reach *= dr.safe_sqrt(dr.dot(n, v))
+    if cone == "lobe":
+        reach *= dr.safe_sqrt(dr.dot(n, v) * t / flat.ahead)
     q, area = overlap(flat, middle, reach)
     if how == "share":
         covered = area / (dr.pi * dr.square(reach))
@@ -224,7 +225,7 @@ def looker(light: AreaLight, picture: Picture, flat: FlatLight, texture: str):
 
 def filtered(light: AreaLight) -> mi.Texture3f:
     """The picture in LEVELS blurs, the last one its mean."""
-    s = (np.arange(TEXELS) + 0.5) / TEXELS
+    s = np.linspace(0, 1, 2 * TEXELS + 1)[1::2]
     grid = np.stack(np.meshgrid(s, s), axis=0).reshape(2, -1).astype(np.float32)
     texels = np.array(light.texture(mi.Point2f(grid))).T.reshape(TEXELS, TEXELS, 3)
     width, height = (2 * float(np.linalg.norm(np.array(e))) for e in (light.u, light.v))
@@ -235,4 +236,4 @@ def filtered(light: AreaLight) -> mi.Texture3f:
         across, up = (m / m.sum(axis=1, keepdims=True) for m in (across, up))
         levels.append(np.einsum("ij,kl,jlc->ikc", up, across, texels))
     stack = np.ascontiguousarray(np.stack(levels), np.float32)
-    return mi.Texture3f(mi.TensorXf(stack), wrap_mode=dr.WrapMode.Clamp)
+    return mi.Texture3f(mi.TensorXf(stack), wrap_mode=dr.WrapMode.Clamp, use_accel=False)
