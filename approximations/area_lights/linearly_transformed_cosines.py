@@ -24,8 +24,8 @@ Ambiguous or left out:
   12 % (`horizon` "both" cuts the polygon at the surface, too).
 - The lookup at the foot of the perpendicular misses the middle of the polygon seen aslant; later accounts
   look along F (`lookup` "along F").
-- One deviation serves both sides of the picture, though M^-1 squeezes it along one: a lobe that is long in the
-  plane of incidence leaves streaks, and this gives spots.
+- One deviation serves both sides of the picture, though M^-1 squeezes it along one: where a lobe that is long
+  in the plane of incidence leaves streaks, this gives spots.
 - The table holds no Fresnel term: `specular` scales the lobe as a whole, as it does in the truth.
 """
 
