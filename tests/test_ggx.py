@@ -144,3 +144,10 @@ def test_buffer_of_ten_bits_cuts_off_highlights_and_loses_faint_lights():
     faint = PointLitBall(lights=65, intensity=0.5, f0=0.02, roughness=0.8)
     assert lit(faint).max() == 0
     assert lit(faint, buffer="exact").max() > 0.001
+
+
+def test_author_would_not_use_it_for_near_mirrors_nor_for_many_faint_lights():
+    domain = ggx_punctual.domain_function
+    assert domain(PointLitBall()).inside
+    assert not domain(PointLitBall(roughness=0.05)).inside
+    assert not domain(PointLitBall(lights=64)).inside

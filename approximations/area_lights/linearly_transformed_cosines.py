@@ -251,4 +251,4 @@ def blurred(light: AreaLight) -> mi.Texture3f:
         kernel /= kernel.sum(axis=1, keepdims=True)
         levels.append(np.einsum("ij,kl,jlc->ikc", kernel, kernel, texels, optimize=True))
     stack = np.ascontiguousarray(np.stack(levels), np.float32)
-    return mi.Texture3f(mi.TensorXf(stack), wrap_mode=dr.WrapMode.Clamp)
+    return mi.Texture3f(mi.TensorXf(stack), use_accel=False, wrap_mode=dr.WrapMode.Clamp)
