@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -111,6 +112,22 @@ def glossy(albedo: Any, specular: Any, alpha: float) -> dict:
         return mirror | {"specular_reflectance": rgb(specular)}
     base = {"type": "diffuse", "reflectance": rgb(2 * np.asarray(albedo))}
     return {"type": "blendbsdf", "weight": 0.5, "base": base, "lobe": mirror}
+
+
+def environment_light(radiance: Callable[[mi.Vector3f], mi.Color3f], rows: int) -> dict:
+    """Light from far away, z up, given by unit direction: an image of 2 rows x rows, looked up bilinearly.
+
+    Mitsuba's columns stand at the middles of 2 rows equal angles and its rows at rows - 1 equal steps from
+    pole to pole.
+    """
+    i = dr.arange(mi.UInt32, 2 * rows * rows)
+    azimuth = (mi.Float(i % (2 * rows)) + 0.5) * (dr.pi / rows)
+    polar = mi.Float(i // (2 * rows)) * (dr.pi / (rows - 1))
+    s = dr.sin(polar)
+    values = radiance(mi.Vector3f(s * dr.sin(azimuth), s * dr.cos(azimuth), dr.cos(polar)))
+    image = np.array(values, np.float32).T.reshape(rows, 2 * rows, 3)
+    upright = mi.ScalarTransform4f().rotate([1, 0, 0], 90)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(image)), "to_world": upright}
 
 
 def rgb(value: Any) -> dict:

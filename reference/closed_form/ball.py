@@ -1,0 +1,100 @@
+r"""Diffuse balls in an environment and among lamps, in float64.
+
+A ball is convex, so that a point with normal n sees its whole hemisphere and no light that it reflected:
+L = albedo / pi E(n). The irradiance of a von Mises-Fisher lobe is a sum over Legendre polynomials, since
+both the lobe and the clamped cosine turn about an axis (Funk and Hecke):
+
+    E(n) = sum_l (2 l + 1) / (4 pi) A_l rho_l P_l(n . a),   rho_l = I_{l + 1/2}(k) / I_{1/2}(k),
+    A_l  = pi, 2 pi / 3, 0 for other odd l, else 2 pi (-1)^(l/2 - 1) / ((l + 2)(l - 1)) l! / (2^l (l/2)!^2).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import eval_legendre, ive
+
+from reference.truth import closed_form
+from scenes.ball import Ball
+from scenes.contract import RADIANCE
+from scenes.environment_ball import EnvironmentBall, InEnvironment
+from scenes.lamps import BallUnderLamps
+
+ORDERS = 160
+"""Legendre orders: at k = 300 the last one has rho below 1e-18."""
+
+
+def eye_rays(scene: Ball, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Origins (size^2, 3) and the one direction (3,) of the parallel rays, row by row from the top."""
+    to_world = np.array(scene.sensor(size)["to_world"].matrix, np.float64)
+    u = 1 - (2 * np.arange(size) + 1) / size
+    y, x = np.meshgrid(u, u, indexing="ij")
+    local = np.stack([x, y, np.zeros_like(x), np.ones_like(x)], axis=-1).reshape(-1, 4)
+    d = to_world[:3, 2] / np.linalg.norm(to_world[:3, 2])
+    return (local @ to_world.T)[:, :3], d
+
+
+def normals(scene: Ball, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit normals (size^2, 3), which are positions too, whether the ball is met, and the rays' direction."""
+    o, d = eye_rays(scene, size)
+    b = o @ d
+    inside = b * b - (o * o).sum(axis=1) + 1
+    met = inside > 0
+    n = o - (b + np.sqrt(np.maximum(inside, 0)))[:, None] * d
+    return np.where(met[:, None], n, -d), met, d
+
+
+def cosine_coefficients(orders: int) -> np.ndarray:
+    """A_l of the clamped cosine, l < orders."""
+    a = np.zeros(orders)
+    a[:2] = np.pi, 2 * np.pi / 3
+    for l in range(2, orders, 2):
+        ratio = math.exp(math.lgamma(l + 1) - l * math.log(2) - 2 * math.lgamma(l / 2 + 1))
+        a[l] = 2 * np.pi * (-1) ** (l // 2 - 1) / ((l + 2) * (l - 1)) * ratio
+    return a
+
+
+def lobe_irradiance(cosine: np.ndarray, sharpness: float, orders: int = ORDERS) -> np.ndarray:
+    """E over the irradiance of a facing point light, for cosines n . a of any shape."""
+    orders = np.arange(orders)
+    rho = ive(orders + 0.5, sharpness) / ive(0.5, sharpness)
+    weights = (2 * orders + 1) / (4 * np.pi) * cosine_coefficients(len(orders)) * rho
+    used = np.flatnonzero(np.abs(weights) > 1e-17)
+    return sum(weights[l] * eval_legendre(l, cosine) for l in used)
+
+
+def environment(scene: InEnvironment, w: np.ndarray) -> np.ndarray:
+    """Radiance (n, 3) from unit directions (n, 3)."""
+    k = scene.sharpness
+    lobe = k * np.exp(k * (w @ scene.toward() - 1)) / (2 * np.pi * -math.expm1(-2 * k))
+    fill, lamp = np.array(scene.FILL), np.array(scene.LAMP)
+    return (1 - scene.contrast) * fill + scene.contrast * np.pi * lobe[:, None] * lamp
+
+
+def irradiance(scene: InEnvironment, n: np.ndarray) -> np.ndarray:
+    """E (n, 3) at unit normals (n, 3)."""
+    lobe = lobe_irradiance(n @ scene.toward(), scene.sharpness)
+    fill, lamp = np.array(scene.FILL), np.array(scene.LAMP)
+    return np.pi * ((1 - scene.contrast) * fill + scene.contrast * lobe[:, None] * lamp)
+
+
+@closed_form(EnvironmentBall, RADIANCE)
+def environment_ball(scene: EnvironmentBall, size: int) -> np.ndarray:
+    """Radiance (W m^-2 sr^-1), (size, size, 3)."""
+    n, met, d = normals(scene, size)
+    sky = environment(scene, d[None])
+    return np.where(met[:, None], scene.albedo / np.pi * irradiance(scene, n), sky).reshape(size, size, 3)
+
+
+@closed_form(BallUnderLamps, RADIANCE)
+def ball_under_lamps(scene: BallUnderLamps, size: int) -> np.ndarray:
+    """Radiance (W m^-2 sr^-1), (size, size, 3): albedo / pi (pi L_ambient + sum I max(n . l, 0) / d^2)."""
+    n, met, _ = normals(scene, size)
+    light = np.full((len(n), 3), np.pi * scene.ambient)
+    for position, intensity in scene.lamp_list():
+        toward = np.array(position) - n
+        far = np.linalg.norm(toward, axis=1)
+        cosine = np.maximum((n * toward).sum(axis=1) / far, 0)
+        light += (cosine / far**2)[:, None] * np.array(intensity)
+    return np.where(met[:, None], scene.albedo / np.pi * light, scene.ambient).reshape(size, size, 3)
