@@ -30,6 +30,8 @@ from approximations.kit.cube_map import environment_map, texel_directions
 from scenes.contract import RADIANCE, Scene, View
 from scenes.environment_ball import EnvironmentBall
 
+HALF_AXES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+"""+x, -x, +y, -y, +z, -z: the order of the six colours."""
 NORMALS = 8
 """Texels along an edge of the low-resolution irradiance map that is fitted."""
 
@@ -84,8 +86,7 @@ def bake(
     w, solid_angle = texel_directions(probe)
     captured = environment_map(probe, view.environment, samples=4) * solid_angle
     if fill == "axes":
-        normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-        colours = irradiance_map(captured, w, normals)
+        colours = irradiance_map(captured, w, HALF_AXES)
     else:
         normals, weight = texel_directions(NORMALS)
         normals, weight = np.array(normals).T, np.sqrt(np.array(weight))[:, None]

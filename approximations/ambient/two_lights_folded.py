@@ -25,7 +25,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from approximations.ambient.ambient_cube import evaluate_cube
+from approximations.ambient.ambient_cube import HALF_AXES, evaluate_cube
 from approximations.contract import ANGULAR_DETAIL, DISTANT_LIGHT, LINEAR_IN_LIGHT, Domain, Sweep, technique
 from scenes.contract import RADIANCE, PointLight, Scene, View
 from scenes.lamps import BallUnderLamps
@@ -59,7 +59,7 @@ def two_lights_folded(
     rest = lights[main:] if fold == "axes" else []
     cube = [
         mi.Color3f(dr.pi * view.sky) + sum(arriving(light, mi.Point3f(0), mi.Vector3f(axis)) for light in rest)
-        for axis in ([1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1])
+        for axis in HALF_AXES.tolist()
     ]
     irradiance = evaluate_cube(cube, surface.normal)
     irradiance += sum(arriving(light, surface.position, surface.normal) for light in first)

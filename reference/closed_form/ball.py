@@ -17,7 +17,8 @@ from scipy.special import eval_legendre, ive
 
 from reference.truth import closed_form
 from scenes.ball import Ball
-from scenes.contract import RADIANCE
+from scenes.ball_in_room import BallInRoom
+from scenes.contract import DIRECT_RADIANCE, RADIANCE
 from scenes.environment_ball import EnvironmentBall, InEnvironment
 from scenes.lamps import BallUnderLamps
 
@@ -93,8 +94,20 @@ def ball_under_lamps(scene: BallUnderLamps, size: int) -> np.ndarray:
     n, met, _ = normals(scene, size)
     light = np.full((len(n), 3), np.pi * scene.ambient)
     for position, intensity in scene.lamp_list():
-        toward = np.array(position) - n
-        far = np.linalg.norm(toward, axis=1)
-        cosine = np.maximum((n * toward).sum(axis=1) / far, 0)
-        light += (cosine / far**2)[:, None] * np.array(intensity)
+        light += point_irradiance(n, position)[:, None] * np.array(intensity)
     return np.where(met[:, None], scene.albedo / np.pi * light, scene.ambient).reshape(size, size, 3)
+
+
+@closed_form(BallInRoom, DIRECT_RADIANCE)
+def ball_in_room(scene: BallInRoom, size: int) -> np.ndarray:
+    """Direct radiance (W m^-2 sr^-1), (size, size, 1): albedo / pi I max(n . l, 0) / d^2; no wall is seen."""
+    n, _, _ = normals(scene, size)
+    position, intensity = scene.lamp()
+    light = intensity * point_irradiance(n, position)
+    return (scene.albedo / np.pi * light).reshape(size, size, 1)
+
+
+def point_irradiance(n: np.ndarray, position: list[float]) -> np.ndarray:
+    """E over the intensity of a point light, max(n . l, 0) / d^2, at the points n of the ball, (m,)."""
+    toward = np.array(position) - n
+    return np.maximum((n * toward).sum(axis=1), 0) / np.linalg.norm(toward, axis=1) ** 3
