@@ -13,9 +13,7 @@ from scenes.mitsuba_parts import camera_rays, diffuse, g_buffer, orthographic, r
 
 @dataclass(frozen=True)
 class Ball(Scene):
-    """A ball of radius 1 m at the origin; subclasses add the light."""
-
-    albedo: Annotated[float, Axis(0, 1)] = 0.8
+    """A ball of radius 1 m at the origin; subclasses add its material and the light."""
 
     EYE = (1.4, -4.0, 1.6)  # m
     HALF_WIDTH = 1.05  # m
@@ -25,7 +23,7 @@ class Ball(Scene):
 
     def material(self) -> dict:
         """The ball's reflection."""
-        return diffuse(self.albedo)
+        raise NotImplementedError
 
     def lights(self) -> dict:
         """The sources of light as Mitsuba dictionaries by name."""
@@ -51,3 +49,13 @@ class Ball(Scene):
             trace=ray_tracer(surfaces),
             **light,
         )
+
+
+@dataclass(frozen=True)
+class DiffuseBall(Ball):
+    """A ball that obeys Lambert's law."""
+
+    albedo: Annotated[float, Axis(0, 1)] = 0.8
+
+    def material(self) -> dict:
+        return diffuse(self.albedo)

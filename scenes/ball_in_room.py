@@ -9,7 +9,7 @@ from typing import Annotated
 
 import mitsuba as mi
 
-from scenes.ball import Ball
+from scenes.ball import DiffuseBall
 from scenes.contract import DIRECT_RADIANCE, RADIANCE, Axis, PointLight, View, scene
 from scenes.mitsuba_parts import diffuse, light_solver, rgb
 
@@ -21,15 +21,15 @@ from scenes.mitsuba_parts import diffuse, light_solver, rgb
     exposure=(-2.0, 2.0),
 )
 @dataclass(frozen=True)
-class BallInRoom(Ball):
+class BallInRoom(DiffuseBall):
     """The room is a sphere of 6 m about the ball; the camera sees nothing but the ball.
 
     A lamp 3 m from the ball gives a facing surface at its middle the irradiance pi; `lamp_angle` is its
-    azimuth from the camera, so that 180 lights the ball from behind.
+    azimuth from the camera.
     """
 
     room: Annotated[float, Axis(0, 0.8)] = 0.4  # albedo of the walls
-    lamp_angle: Annotated[float, Axis(0, 180, unit="deg")] = 70.0
+    lamp_angle: Annotated[float, Axis(0, 150, unit="deg")] = 70.0
 
     HALF_WIDTH = 0.7
     RADIUS = 6.0  # m

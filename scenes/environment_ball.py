@@ -10,7 +10,7 @@ from typing import Annotated
 import drjit as dr
 import mitsuba as mi
 
-from scenes.ball import Ball
+from scenes.ball import Ball, DiffuseBall
 from scenes.contract import RADIANCE, Axis, View, scene
 from scenes.mitsuba_parts import environment_light, rgb
 
@@ -60,7 +60,7 @@ class InEnvironment(Ball):
     exposure=(-2.0, 2.0),
 )
 @dataclass(frozen=True)
-class EnvironmentBall(InEnvironment):
+class EnvironmentBall(InEnvironment, DiffuseBall):
     """A diffuse ball."""
 
 
@@ -92,6 +92,9 @@ class GlossyBall(InEnvironment):
     def view(self, size: int = 128) -> View:
         seen = super().view(size)
         surface = dataclasses.replace(
-            seen.surface, albedo=mi.Color3f(0), specular=mi.Color3f(self.f0), alpha=mi.Float(self.roughness**2)
+            seen.surface,
+            albedo=mi.Color3f(0),
+            specular=mi.Color3f(self.f0),
+            alpha=mi.Float(self.roughness**2),
         )
         return dataclasses.replace(seen, surface=surface)

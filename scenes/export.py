@@ -13,7 +13,7 @@ from scenes.contract import BadInput
 
 
 def export(description: dict, folder: Path, name: str) -> Path:
-    """Write a scene dictionary as folder/name.xml with its grids as .vol and its images as .exr files; the XML's path.
+    """Write a scene dictionary as folder/name.xml, its grids as .vol and its images as .exr; the XML's path.
 
     Raises BadInput where the folder cannot be written.
     """

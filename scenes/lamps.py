@@ -1,14 +1,15 @@
-"""A ball among lamps: where ways to shade a model under many lights are tried."""
+"""Balls among lamps: where ways to shade a model under local lights are tried."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Annotated
 
 import mitsuba as mi
 
-from scenes.ball import Ball
+from scenes.ball import Ball, DiffuseBall
 from scenes.contract import RADIANCE, Axis, PointLight, View, scene
 from scenes.mitsuba_parts import direction, rgb, uniform_sky
 
@@ -20,7 +21,7 @@ from scenes.mitsuba_parts import direction, rgb, uniform_sky
     exposure=(-2.0, 2.0),
 )
 @dataclass(frozen=True)
-class BallUnderLamps(Ball):
+class BallUnderLamps(DiffuseBall):
     """Lamp i stands i golden angles round the ball and gives 0.8^i times as much light as the first.
 
     `distance` is that of the nearest from the middle of the ball, the others are up to 1.4 times as far. All
@@ -54,3 +55,50 @@ class BallUnderLamps(Ball):
     def view(self, size: int = 128) -> View:
         points = tuple(PointLight(mi.Point3f(p), mi.Color3f(i)) for p, i in self.lamp_list())
         return self.seen(size, points=points, sky=self.ambient)
+
+
+@scene(
+    theme="ambient",
+    shows="a black polished ball with one lamp, whose gloss a camera sees at every angle",
+    quantities=(RADIANCE,),
+    exposure=(-2.0, 2.0),
+)
+@dataclass(frozen=True)
+class PolishedBall(Ball):
+    """A rough dielectric (GGX, refractive index 1.5) over black: nothing but what the surface reflects.
+
+    The lamp is 4 m away at `lamp_angle` of azimuth from the camera, level with it to 0.3 rad; it gives a
+    facing surface at the ball's middle the irradiance pi.
+    """
+
+    alpha: Annotated[float, Axis(0.05, 0.8, log=True)] = 0.35
+    lamp_angle: Annotated[float, Axis(0, 150, unit="deg")] = 80.0
+
+    INDEX = 1.5
+    LAMP = 4.0  # m
+
+    def material(self) -> dict:
+        return {
+            "type": "roughplastic",
+            "distribution": "ggx",
+            "alpha": self.alpha,
+            "int_ior": self.INDEX,
+            "ext_ior": 1.0,
+            "diffuse_reflectance": rgb(0.0),
+        }
+
+    def lamp(self) -> tuple[list[float], float]:
+        """Position (m) and intensity (W/sr)."""
+        azimuth = math.degrees(math.atan2(self.EYE[1], self.EYE[0])) - self.lamp_angle
+        return [self.LAMP * x for x in direction(math.degrees(0.3), azimuth)], math.pi * self.LAMP**2
+
+    def lights(self) -> dict:
+        position, intensity = self.lamp()
+        return {"lamp": {"type": "point", "position": position, "intensity": rgb(intensity)}}
+
+    def view(self, size: int = 128) -> View:
+        position, intensity = self.lamp()
+        seen = self.seen(size, points=(PointLight(mi.Point3f(position), mi.Color3f(intensity)),))
+        f0 = ((self.INDEX - 1) / (self.INDEX + 1)) ** 2
+        surface = dataclasses.replace(seen.surface, specular=mi.Color3f(f0), alpha=mi.Float(self.alpha))
+        return dataclasses.replace(seen, surface=surface)

@@ -89,11 +89,8 @@ def bake(
         colours = irradiance_map(captured, w, HALF_AXES)
     else:
         normals, weight = texel_directions(NORMALS)
-        normals, weight = np.array(normals).T, np.sqrt(np.array(weight))[:, None]
-        halves = np.stack([np.maximum(normals, 0), np.minimum(normals, 0)], axis=2)
-        squares = np.square(halves).reshape(len(normals), 6)
-        found = irradiance_map(captured, w, normals)
-        colours = np.linalg.lstsq(weight * squares, weight * found, rcond=None)[0]
+        normals = np.array(normals, np.float64).T
+        colours = fitted_colours(irradiance_map(captured, w, normals), normals, np.array(weight, np.float64))
     cube = AmbientCube([mi.Color3f(*c) for c in colours.tolist()])
     dr.make_opaque(cube.colours)
     return cube
@@ -103,6 +100,13 @@ def irradiance_map(captured: mi.Color3f, w: mi.Vector3f, normals: np.ndarray) ->
     """E (m, 3) on m normals from radiance times solid angle in directions w."""
     cosine = np.maximum(normals @ np.array(w, np.float64), 0)
     return cosine @ np.array(captured, np.float64).T
+
+
+def fitted_colours(irradiance: np.ndarray, normals: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The six values (6, c) that fit E (m, c) on unit normals (m, 3), each of that weight, best."""
+    halves = np.stack([np.maximum(normals, 0), np.minimum(normals, 0)], axis=2)
+    root = np.sqrt(weight)[:, None]
+    return np.linalg.lstsq(root * np.square(halves).reshape(-1, 6), root * irradiance, rcond=None)[0]
 
 
 @ambient_cube.domain

@@ -1,7 +1,7 @@
 r"""Half Lambert: a cosine that is stretched round the ball.
 
-SIGGRAPH 2006 Course 26, section 7.4.4. A local light's cosine is mapped from [-1, 1] to [0, 1] and squared, so
-that the side away from it keeps its shape:
+SIGGRAPH 2006 Course 26, section 7.4.4. A local light's cosine is mapped from [-1, 1] to [0, 1] and squared,
+so that the side away from it keeps its shape:
 
     h = (n . l / 2 + 1 / 2)^2,   E = I / d^2 h       instead of     E = I / d^2 max(n . l, 0).
 

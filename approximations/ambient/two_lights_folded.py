@@ -58,7 +58,8 @@ def two_lights_folded(
     first = lights if fold == "exact" else lights[:main]
     rest = lights[main:] if fold == "axes" else []
     cube = [
-        mi.Color3f(dr.pi * view.sky) + sum(arriving(light, mi.Point3f(0), mi.Vector3f(axis)) for light in rest)
+        mi.Color3f(dr.pi * view.sky)
+        + sum(arriving(light, mi.Point3f(0), mi.Vector3f(axis)) for light in rest)
         for axis in HALF_AXES.tolist()
     ]
     irradiance = evaluate_cube(cube, surface.normal)
@@ -73,7 +74,9 @@ def arriving(light: PointLight, p: mi.Point3f, n: mi.Vector3f) -> mi.Color3f:
 
 
 @two_lights_folded.bake
-def bake(view: View, *, ranking: Literal["irradiance", "intensity", "distance"] = "irradiance") -> tuple[int, ...]:
+def bake(
+    view: View, *, ranking: Literal["irradiance", "intensity", "distance"] = "irradiance"
+) -> tuple[int, ...]:
     """The lights from the most important to the least: once per model and frame, on the processor."""
     intensity = np.array([np.ravel(light.intensity).max() for light in view.points])
     nearness = np.array([1 / np.linalg.norm(np.ravel(light.position)) for light in view.points])

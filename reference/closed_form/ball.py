@@ -20,7 +20,7 @@ from scenes.ball import Ball
 from scenes.ball_in_room import BallInRoom
 from scenes.contract import DIRECT_RADIANCE, RADIANCE
 from scenes.environment_ball import EnvironmentBall, InEnvironment
-from scenes.lamps import BallUnderLamps
+from scenes.lamps import BallUnderLamps, PolishedBall
 
 ORDERS = 160
 """Legendre orders: at k = 300 the last one has rho below 1e-18."""
@@ -111,3 +111,39 @@ def point_irradiance(n: np.ndarray, position: list[float]) -> np.ndarray:
     """E over the intensity of a point light, max(n . l, 0) / d^2, at the points n of the ball, (m,)."""
     toward = np.array(position) - n
     return np.maximum((n * toward).sum(axis=1), 0) / np.linalg.norm(toward, axis=1) ** 3
+
+
+@closed_form(PolishedBall, RADIANCE)
+def polished_ball(scene: PolishedBall, size: int) -> np.ndarray:
+    """Radiance (W m^-2 sr^-1), (size, size, 1): I / d^2 D G F / (4 n . v), GGX with Smith's masking of both
+    ways apart and Fresnel's equations; black where the ball is not met."""
+    n, met, d = normals(scene, size)
+    position, intensity = scene.lamp()
+    toward = np.array(position) - n
+    far = np.linalg.norm(toward, axis=1, keepdims=True)
+    l, v = toward / far, -d
+    h = l + v
+    h /= np.linalg.norm(h, axis=1, keepdims=True)
+    nl, nv, nh, hv = (n * l).sum(axis=1), n @ v, (n * h).sum(axis=1), h @ v
+    a = scene.alpha**2
+    density = a / (np.pi * (nh**2 * (a - 1) + 1) ** 2)
+    lit = met & (nl > 0) & (nv > 0)
+    nl, nv = np.where(lit, nl, 1), np.where(lit, nv, 1)
+    masking = smith(nl, a) * smith(nv, a)
+    reflected = density * masking * fresnel(hv, scene.INDEX) / (4 * nv) * intensity / far[:, 0] ** 2
+    return np.where(lit, reflected, 0).reshape(size, size, 1)
+
+
+def smith(cosine: np.ndarray, a: float) -> np.ndarray:
+    """Smith's masking of one way for GGX of squared width a."""
+    return 2 / (1 + np.sqrt(1 + a * (1 / cosine**2 - 1)))
+
+
+def fresnel(cosine: np.ndarray, index: float) -> np.ndarray:
+    """Unpolarised reflectance of a dielectric."""
+    inner = np.sqrt(1 - (1 - cosine**2) / index**2)
+    s, p = (
+        (cosine - index * inner) / (cosine + index * inner),
+        (inner - index * cosine) / (inner + index * cosine),
+    )
+    return 0.5 * (s**2 + p**2)
