@@ -19,7 +19,7 @@ from approximations.ambient.two_lights_folded import arriving
 from approximations.contract import ANGULAR_DETAIL, OCCLUSION, SPATIAL_DETAIL, Sweep, technique
 from approximations.kit.cube_map import texel_directions
 from scenes.ball_in_room import BallInRoom
-from scenes.contract import DIRECT_RADIANCE, RADIANCE, View
+from scenes.contract import RADIANCE, View
 
 PROBE = 8
 """Texels along an edge of the cube map in which light is gathered."""
@@ -28,7 +28,6 @@ PROBE = 8
 @technique(
     source="baselines of SIGGRAPH 2006 Course 26, ch. 7.4.1 and 7.4.4",
     estimates=RADIANCE,
-    also=(DIRECT_RADIANCE,),
     on=(BallInRoom,),
     replaces="light that the walls send back",
     neglects=(SPATIAL_DETAIL, ANGULAR_DETAIL, OCCLUSION),
