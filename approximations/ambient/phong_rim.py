@@ -9,11 +9,11 @@ where a surface is seen from the front and let through at the silhouette:
 for a rough dielectric, D G F(v.h) / (4 n.l n.v) n.l.
 
 In print, and what was done here:
-- There is no formula. The text asks for low exponents, dim masks, and a Fresnel term that strongly favours the
-  rim; (1 - n.v)^2 is the later public material system's, whose ramp with its own defaults is the same. A mask
-  is a factor on everything and is left out.
+- There is no formula. The text asks for low exponents, dim masks, and a Fresnel term that strongly favours
+  the rim; (1 - n.v)^2 is the later public material system's, whose ramp with its own defaults is the same. A
+  mask is a factor on everything and is left out.
 - Nothing is said of energy: as e grows the highlight shrinks and does not get brighter. `norm` offers the
-  factors that keep the lobe's integral, (e + 1) / 2, or that of the light reflected at the front, (e + 2) / 2.
+  factors that keep the lobe's integral, (e + 1) / 2, or the light reflected at the front, (e + 2) / 2.
 - The exponent is painted by hand, 1 to 150 there; `lobe="fitted"` takes it from the GGX width a,
   e = (1 / a^2 - 1) / 2.
 """

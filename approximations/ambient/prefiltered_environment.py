@@ -1,4 +1,4 @@
-r"""Reflections of a probe: a cube map whose levels are filtered ahead, and a Fresnel term that knows roughness.
+r"""Reflections of a probe: a cube map filtered ahead level by level, and a Fresnel term that knows roughness.
 
 GPU Pro 7, part IV, chapter 2, section 2.3.3. The light that a surface reflects towards v,
 
@@ -17,8 +17,8 @@ from the front three times too much (0.040 for 0.012).
 In print, and what was done here:
 - "8 mips" with the factor 8.0 asks for levels 0 to 8, of which there are 0 to 7: every lookup is up to one
   level too rough. `level="mended"` takes (mips - 1) roughness.
-- The lobe is that of a modified cube map tool, whose filters are powers of a cosine; the BRDF is GGX. Here the
-  power is the one that fits GGX's width a = roughness^2, e = (1 / a^2 - 1) / 2; `lobe` offers GGX itself.
+- The lobe is that of a modified cube map tool, whose filters are powers of a cosine; the BRDF is GGX. Here
+  the power is the one that fits GGX's width a = roughness^2, e = (1 / a^2 - 1) / 2; `lobe` offers GGX itself.
 - The maps are stored as RGBM, which is left out here.
 """
 
@@ -59,7 +59,6 @@ def prefiltered_environment(
 
     level     roughness to level: "printed", mips times it, or "mended", (mips - 1) times it.
     fresnel   the term above, or Schlick's, which a rough surface keeps at grazing angles.
-    """
     surface, v = view.surface, -view.camera.direction
     roughness, f0 = dr.sqrt(surface.alpha), surface.specular
     nv = dr.clip(dr.dot(surface.normal, v), 0, 1)
@@ -81,7 +80,7 @@ def bake(
     lobe: Literal["cosine power", "GGX"] = "cosine power",
     samples: Annotated[int, Sweep(32, low=1, high=65536)] = 256,
 ) -> CubeMap:
-    """The environment filtered for 8 levels of 128 x 128 texels a face and less, `samples` directions each."""
+    """The environment filtered for 8 levels of 128^2 texels a face and less, `samples` directions a texel."""
     sizes = [2**k for k in reversed(range(MIPS))]
     levels = [environment_map(sizes[0], view.environment, samples=2)]
     for k, n in list(enumerate(sizes))[1:]:
