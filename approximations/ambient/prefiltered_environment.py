@@ -59,6 +59,7 @@ def prefiltered_environment(
 
     level     roughness to level: "printed", mips times it, or "mended", (mips - 1) times it.
     fresnel   the term above, or Schlick's, which a rough surface keeps at grazing angles.
+    """
     surface, v = view.surface, -view.camera.direction
     roughness, f0 = dr.sqrt(surface.alpha), surface.specular
     nv = dr.clip(dr.dot(surface.normal, v), 0, 1)
