@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scenes.contract import AreaLight, Camera, Surface
+from scenes.contract import AreaLight, Camera, Chart, Surface
 
 SUN_DISTANCE = 1e5  # m: parallax across a scene of a few metres stays under 1e-4 rad
 SMALL_SUN = 0.02  # rad
@@ -156,6 +156,27 @@ def area_light(light: AreaLight, texture: np.ndarray | None = None) -> dict:
     columns = np.column_stack([u, v, n / np.linalg.norm(n), c])
     to_world = mi.ScalarTransform4f(np.vstack([columns, [0, 0, 0, 1]]))
     return {"type": light.shape, "to_world": to_world, **glow}
+
+
+def flat(chart: Chart, bsdf: dict) -> dict:
+    """A chart as a Mitsuba rectangle, one-sided where its BSDF is; uv is (s, t)."""
+    c, u, v = (np.asarray(x, float) for x in (chart.corner, chart.u, chart.v))
+    n = np.cross(u, v)
+    columns = np.column_stack([u / 2, v / 2, n / np.linalg.norm(n), c + (u + v) / 2])
+    to_world = mi.ScalarTransform4f(np.vstack([columns, [0, 0, 0, 1]]))
+    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf}
+
+
+def chart_index(p: mi.Point3f, charts: tuple[Chart, ...]) -> mi.UInt32:
+    """The chart that each surface point lies on: the nearest."""
+    nearest, index = mi.Float(dr.inf), mi.UInt32(0)
+    for k, chart in enumerate(charts):
+        c, u, v = (mi.Vector3f(x) for x in (chart.corner, chart.u, chart.v))
+        s, t = (dr.clip(dr.dot(p - c, e) / dr.squared_norm(e), 0, 1) for e in (u, v))
+        away = dr.squared_norm(p - (c + s * u + t * v))
+        index = dr.select(away < nearest, mi.UInt32(k), index)
+        nearest = dr.minimum(away, nearest)
+    return index
 
 
 def camera_rays(sensor: mi.Sensor, size: int) -> Camera:

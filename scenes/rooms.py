@@ -1,0 +1,199 @@
+"""Closed rooms, where most light has met several surfaces: for techniques that bake or gather it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from scenes.contract import (
+    DIRECT_RADIANCE,
+    INDIRECT_RADIANCE,
+    ONE_BOUNCE,
+    RADIANCE,
+    AreaLight,
+    Axis,
+    Chart,
+    Scene,
+    View,
+    scene,
+)
+from scenes.mitsuba_parts import (
+    area_light,
+    camera_rays,
+    chart_index,
+    diffuse,
+    flat,
+    g_buffer,
+    glossy,
+    light_solver,
+    perspective,
+    ray_caster,
+    ray_tracer,
+)
+
+
+def box(low: list[float], high: list[float], turn_deg: float = 0.0) -> dict[str, Chart]:
+    """Five sides of a box that stands on the ground, seen from outside, turned about its vertical axis."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    w, d, h = x1 - x0, y1 - y0, z1 - z0
+    sides = {
+        "top": ([x0, y0, z1], [w, 0, 0], [0, d, 0]),
+        "front": ([x0, y0, z0], [w, 0, 0], [0, 0, h]),
+        "back": ([x1, y1, z0], [-w, 0, 0], [0, 0, h]),
+        "left": ([x0, y1, z0], [0, -d, 0], [0, 0, h]),
+        "right": ([x1, y0, z0], [0, d, 0], [0, 0, h]),
+    }
+    a, middle = math.radians(turn_deg), np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0])
+    turn = np.array([[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]])
+    return {
+        name: Chart(
+            *((turn @ (np.array(c) - middle) + middle).tolist(), *((turn @ e).tolist() for e in (u, v)))
+        )
+        for name, (c, u, v) in sides.items()
+    }
+
+
+def hall(low: list[float], high: list[float]) -> dict[str, Chart]:
+    """Six sides of a box seen from inside; left and right are those of one who looks along +y."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    w, d, h = x1 - x0, y1 - y0, z1 - z0
+    return {
+        "floor": Chart([x0, y0, z0], [w, 0, 0], [0, d, 0]),
+        "ceiling": Chart([x0, y1, z1], [w, 0, 0], [0, -d, 0]),
+        "left": Chart([x0, y0, z0], [0, d, 0], [0, 0, h]),
+        "right": Chart([x1, y1, z0], [0, -d, 0], [0, 0, h]),
+        "far": Chart([x0, y1, z0], [w, 0, 0], [0, 0, h]),
+        "near": Chart([x1, y0, z0], [-w, 0, 0], [0, 0, h]),
+    }
+
+
+@dataclass(frozen=True)
+class Room(Scene):
+    """Flat surfaces with light maps and one rectangular light, which the camera does not see."""
+
+    def charts(self) -> dict[str, Chart]:
+        """The flat surfaces by name."""
+        raise NotImplementedError
+
+    def reflectance(self, name: str) -> float | list[float]:
+        """Diffuse reflectance of a chart."""
+        raise NotImplementedError
+
+    def light(self) -> AreaLight:
+        """The light."""
+        raise NotImplementedError
+
+    def sensor(self, size: int) -> dict:
+        """The camera."""
+        raise NotImplementedError
+
+    def surfaces(self) -> dict:
+        return {name: flat(chart, diffuse(self.reflectance(name))) for name, chart in self.charts().items()}
+
+    def world(self) -> dict:
+        """Surfaces and light."""
+        return {"type": "scene", **self.surfaces(), "light": area_light(self.light())}
+
+    def mitsuba(self, size: int = 128) -> dict:
+        return {**self.world(), "sensor": self.sensor(size)}
+
+    def view(self, size: int = 128) -> View:
+        opaque = mi.load_dict({"type": "scene", **self.surfaces()}, optimize=False)
+        camera = camera_rays(mi.load_dict(self.sensor(size)), size)
+        charts = tuple(self.charts().values())
+        surface = g_buffer(opaque, camera)
+        return View(
+            size,
+            size,
+            camera,
+            surface=dataclasses.replace(surface, chart=chart_index(surface.position, charts)),
+            lights=(self.light(),),
+            charts=charts,
+            visible=ray_caster(opaque),
+            trace=ray_tracer(opaque),
+            gather=light_solver(mi.load_dict(self.world(), optimize=False)),
+        )
+
+
+@scene(
+    theme="ambient",
+    shows="a room with a red and a green wall, whose colours the light carries on",
+    quantities=(RADIANCE, DIRECT_RADIANCE, INDIRECT_RADIANCE, ONE_BOUNCE),
+    exposure=(-2.0, 2.0),
+)
+@dataclass(frozen=True)
+class ColouredRoom(Room):
+    """A room of 2 m x 3 m x 2 m with a square light under the ceiling, and two blocks that hide it in part.
+
+    The light gives FLUX whatever its size. The left wall is red and the right one green: `saturation` is what
+    they take from the other channels of `albedo`.
+    """
+
+    light_size: Annotated[float, Axis(0.02, 0.6, log=True, unit="m")] = 0.3  # half an edge
+    albedo: Annotated[float, Axis(0.05, 0.9)] = 0.6
+    saturation: Annotated[float, Axis(0, 1)] = 0.9
+    blocks: bool = True
+
+    FLUX = 50.0  # W
+    BELOW_CEILING = 0.01  # m
+
+    def charts(self) -> dict[str, Chart]:
+        found = hall([-1, -2, 0], [1, 1, 2])
+        if self.blocks:
+            for name, sides in {
+                "tall": box([-0.65, 0.05, 0], [-0.05, 0.65, 1.2], 17),
+                "low": box([0.05, -0.65, 0], [0.65, -0.05, 0.6], -18),
+            }.items():
+                found |= {f"{name}_{side}": chart for side, chart in sides.items()}
+        return found
+
+    def reflectance(self, name: str) -> float | list[float]:
+        less = self.albedo * (1 - self.saturation)
+        return {"left": [self.albedo, less, less], "right": [less, self.albedo, less]}.get(name, self.albedo)
+
+    def light(self) -> AreaLight:
+        half = self.light_size
+        radiance = self.FLUX / (math.pi * 4 * half**2)
+        return AreaLight(
+            "rectangle", [0.0, -0.3, 2 - self.BELOW_CEILING], [half, 0.0, 0.0], [0.0, -half, 0.0], radiance
+        )
+
+    def sensor(self, size: int) -> dict:
+        return perspective([0, -1.9, 1.0], [0, 1, 0.6], 60, size)
+
+
+@scene(
+    theme="ambient",
+    shows="a polished floor that shows the room again, sharp or blurred",
+    quantities=(RADIANCE,),
+    exposure=(-2.0, 2.0),
+)
+@dataclass(frozen=True)
+class PolishedFloorRoom(ColouredRoom):
+    """The coloured room with a floor that also reflects `specular` of the light in a GGX lobe."""
+
+    roughness: Annotated[float, Axis(0, 0.8)] = 0.05  # GGX alpha
+    specular: Annotated[float, Axis(0.05, 0.3)] = 0.3
+
+    FLOOR = 0.15  # diffuse albedo
+
+    def surfaces(self) -> dict:
+        floor = flat(self.charts()["floor"], glossy(self.FLOOR, self.specular, self.roughness))
+        return {**super().surfaces(), "floor": floor}
+
+    def view(self, size: int = 128) -> View:
+        view = super().view(size)
+        floor = view.surface.chart == 0
+        polished = dataclasses.replace(
+            view.surface,
+            albedo=dr.select(floor, self.FLOOR, view.surface.albedo),
+            specular=mi.Color3f(dr.select(floor, mi.Float(self.specular), 0)),
+            alpha=mi.Float(self.roughness),
+        )
+        return dataclasses.replace(view, surface=polished)
