@@ -32,6 +32,7 @@ from scenes.mitsuba_parts import (
     g_buffer,
     glossy,
     light_solver,
+    orthographic,
     perspective,
     ray_caster,
     ray_tracer,
@@ -197,3 +198,79 @@ class PolishedFloorRoom(ColouredRoom):
             alpha=mi.Float(self.roughness),
         )
         return dataclasses.replace(view, surface=polished)
+
+
+@scene(
+    theme="ambient",
+    shows="a wall of bossed stones beside a window, over a floor of another colour",
+    quantities=(RADIANCE,),
+    exposure=(-2.0, 2.0),
+)
+@dataclass(frozen=True)
+class BrickWall(Room):
+    """The far wall of a room of 2.4 m x 2 m x 2.4 m, seen by a parallel camera, its normals from a texture.
+
+    Stones of 0.4 m x 0.2 m lean away from their middles by an angle that grows with the square of the way to
+    their edges, to `tilt` there. A square window in the left wall stands `light_distance` from the wall.
+    """
+
+    tilt: Annotated[float, Axis(0, 80, unit="deg")] = 45.0
+    light_distance: Annotated[float, Axis(0.35, 1.6, unit="m")] = 0.9
+
+    SIDE = 2.4  # m, of the wall
+    TEXELS = 512
+    WINDOW = 0.3  # m, half an edge
+    RADIANCE_OF_WINDOW = 20.0
+    STONE, FLOOR, PLASTER = 0.6, [0.8, 0.35, 0.1], 0.4  # albedo
+
+    def charts(self) -> dict[str, Chart]:
+        return hall([-self.SIDE / 2, -2, 0], [self.SIDE / 2, 0, self.SIDE])
+
+    def reflectance(self, name: str) -> float | list[float]:
+        return {"far": self.STONE, "floor": self.FLOOR}.get(name, self.PLASTER)
+
+    def light(self) -> AreaLight:
+        half, x = self.WINDOW, 0.01 - self.SIDE / 2
+        return AreaLight(
+            "rectangle",
+            [x, -self.light_distance, 1.3],
+            [0.0, half, 0.0],
+            [0.0, 0.0, half],
+            self.RADIANCE_OF_WINDOW,
+        )
+
+    def normals(self) -> np.ndarray:
+        """Unit normals (TEXELS, TEXELS, 3) in the frame of the wall's chart, row 0 at t = 0."""
+        at = self.SIDE * (np.arange(self.TEXELS) + 0.5) / self.TEXELS
+        x, z = np.meshgrid(at, at)
+        course = np.floor(z / 0.2)
+        a, b = 2 * ((x / 0.4 + 0.5 * (course % 2)) % 1) - 1, 2 * ((z / 0.2) % 1) - 1
+        lean = math.radians(self.tilt) * np.maximum(np.abs(a), np.abs(b)) ** 2
+        r = np.hypot(a, b) + 1e-12
+        return np.stack([np.sin(lean) * a / r, np.sin(lean) * b / r, np.cos(lean)], axis=-1)
+
+    def surfaces(self) -> dict:
+        texels = mi.Bitmap(np.ascontiguousarray(self.normals() / 2 + 0.5, np.float32))
+        bossed = {
+            "type": "normalmap",
+            "normalmap": {"type": "bitmap", "bitmap": texels, "raw": True, "filter_type": "nearest"},
+            "use_shadowing_function": False,
+            "flip_invalid_normals": False,
+            "bsdf": diffuse(self.STONE),
+        }
+        return {**super().surfaces(), "far": flat(self.charts()["far"], bossed)}
+
+    def sensor(self, size: int) -> dict:
+        return orthographic([0, -1.99, self.SIDE / 2], [0, 0, self.SIDE / 2], self.SIDE / 2, size)
+
+    def view(self, size: int = 128) -> View:
+        view, wall = super().view(size), self.charts()["far"]
+        texel = mi.Point2u(dr.clip(self.TEXELS * view.surface.uv, 0, self.TEXELS - 1))
+        u, v = (mi.Vector3f(e) / self.SIDE for e in (wall.u, wall.v))
+        texels = mi.Vector3f(self.normals().reshape(-1, 3).T)
+        local = dr.gather(mi.Vector3f, texels, texel.y * self.TEXELS + texel.x)
+        normal = local.x * u + local.y * v + local.z * dr.cross(u, v)
+        surface = dataclasses.replace(
+            view.surface, normal=normal, albedo=mi.Color3f(self.STONE), chart=dr.zeros(mi.UInt32, size * size)
+        )
+        return dataclasses.replace(view, surface=surface, charts=(wall,))
