@@ -287,6 +287,7 @@ class View:
     lights: tuple[AreaLight, ...] = ()
     points: tuple[PointLight, ...] = ()
     charts: tuple[Chart, ...] = ()  # the surfaces that can have light maps
+    velocity: Any = None  # of the model at each probe, m/s
     fog: Fog | None = None
     cloud: Cloud | None = None
     fragments: Fragments | None = None

@@ -14,12 +14,15 @@ import numpy as np
 from scenes.contract import (
     DIRECT_RADIANCE,
     INDIRECT_RADIANCE,
+    IRRADIANCE,
     ONE_BOUNCE,
     RADIANCE,
     AreaLight,
     Axis,
+    Camera,
     Chart,
     Scene,
+    Surface,
     View,
     scene,
 )
@@ -274,3 +277,75 @@ class BrickWall(Room):
             view.surface, normal=normal, albedo=mi.Color3f(self.STONE), chart=dr.zeros(mi.UInt32, size * size)
         )
         return dataclasses.replace(view, surface=surface, charts=(wall,))
+
+
+@scene(
+    theme="ambient",
+    shows="a way from a bright room through a door into a dark one, and the light on a model that goes it",
+    quantities=(IRRADIANCE,),
+    exposure=(-2.0, 2.0),
+)
+@dataclass(frozen=True)
+class IrradianceTrack(Room):
+    """Two rooms of 4 m x 4 m x 2.6 m with a wall between them, and a lamp under the ceiling of the first.
+
+    Probes stand along the middle of both, 1 m above the floor, where a model moves towards +x at `speed`.
+    """
+
+    speed: Annotated[float, Axis(0, 8, unit="m/s")] = 1.5
+    door: Annotated[float, Axis(0.2, 3.6, unit="m")] = 1.0  # width
+
+    HEIGHT, LINTEL, THICKNESS = 2.6, 2.0, 0.1  # m
+    START, END, ABOVE_FLOOR = -3.5, 3.5, 1.0  # m
+    LAMP, RADIANCE_OF_LAMP = 0.4, 30.0  # m, half an edge
+    TURNS = 3
+
+    def charts(self) -> dict[str, Chart]:
+        found = hall([-4, -2, 0], [4, 2, self.HEIGHT])
+        side, jamb, top = 2 - self.door / 2, self.door / 2, self.HEIGHT - self.LINTEL
+        for name, facing in (("bright", -1), ("dark", 1)):
+            x = facing * self.THICKNESS / 2
+            start = -2 * facing
+            pieces = (
+                ("one", [x, start, 0], [0, facing * side, 0], [0, 0, self.LINTEL]),
+                ("other", [x, facing * jamb, 0], [0, facing * side, 0], [0, 0, self.LINTEL]),
+                ("top", [x, start, self.LINTEL], [0, 4 * facing, 0], [0, 0, top]),
+            )
+            found |= {f"{name}_{piece}": Chart(*frame) for piece, *frame in pieces}
+        half, deep = self.THICKNESS / 2, [self.THICKNESS, 0, 0]
+        found["jamb_one"] = Chart([-half, jamb, 0], deep, [0, 0, self.LINTEL])
+        found["jamb_other"] = Chart([half, -jamb, 0], [-self.THICKNESS, 0, 0], [0, 0, self.LINTEL])
+        found["lintel"] = Chart([-half, jamb, self.LINTEL], deep, [0, -self.door, 0])
+        return found
+
+    def reflectance(self, name: str) -> float | list[float]:
+        return [0.6, 0.4, 0.25] if name == "floor" else 0.5
+
+    def light(self) -> AreaLight:
+        half = self.LAMP
+        centre = [-2.5, 1.2, self.HEIGHT - 0.01]
+        return AreaLight("rectangle", centre, [half, 0.0, 0.0], [0.0, -half, 0.0], self.RADIANCE_OF_LAMP)
+
+    def sensor(self, size: int) -> dict:
+        return perspective([-3.8, -1.8, 1.4], [0.5, 0.6, 1.0], 70, size)
+
+    def probes(self, size: int) -> View:
+        """Column j of n: the place START + (j + 1/2) / n of the way to END. Row i: a normal on a spiral of
+        TURNS turns from +z to -z. The camera looks at the side that the normal leaves."""
+        k = dr.arange(mi.UInt32, size * size)
+        row, column = (mi.Float(k // size) + 0.5) / size, (mi.Float(k % size) + 0.5) / size
+        point = mi.Point3f(dr.lerp(self.START, self.END, column), 0, self.ABOVE_FLOOR)
+        polar, turn = dr.pi * row, 2 * dr.pi * self.TURNS * row
+        normal = mi.Vector3f(dr.sin(polar) * dr.cos(turn), dr.sin(polar) * dr.sin(turn), dr.cos(polar))
+        white = dr.ones(mi.Color3f, size * size)
+        surface = Surface(
+            dr.full(mi.Bool, True, size * size), point, normal, white, dr.zeros(mi.Float, size * size)
+        )
+        return dataclasses.replace(
+            self.view(1),
+            width=size,
+            height=size,
+            camera=Camera(point, -normal, mi.Vector3f(1, 0, 0), 0.0, math.inf),
+            surface=surface,
+            velocity=mi.Vector3f(self.speed, 0, 0),
+        )

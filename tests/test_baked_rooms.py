@@ -2,14 +2,11 @@
 
 import math
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
 from approximations.ambient.radiosity_normal_mapping import BASIS, basis_weights
-from approximations.kit.light_map import atlas, luxels, place
-from scenes.contract import Chart
 
 
 def cone(n, degrees, rng):
