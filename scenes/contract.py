@@ -182,6 +182,7 @@ class Chart:
     corner: Any  # m
     u: Any  # m, a whole edge
     v: Any  # m, at right angles to u
+    albedo: Any = None  # diffuse reflectance, 0..1, a number or three
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,9 @@ class Room(Scene):
     def view(self, size: int = 128) -> View:
         opaque = mi.load_dict({"type": "scene", **self.surfaces()}, optimize=False)
         camera = camera_rays(mi.load_dict(self.sensor(size)), size)
-        charts = tuple(self.charts().values())
+        charts = tuple(
+            dataclasses.replace(chart, albedo=self.reflectance(name)) for name, chart in self.charts().items()
+        )
         surface = g_buffer(opaque, camera)
         return View(
             size,
@@ -180,19 +182,30 @@ class ColouredRoom(Room):
 )
 @dataclass(frozen=True)
 class PolishedFloorRoom(ColouredRoom):
-    """The coloured room with a floor that also reflects `specular` of the light in a GGX lobe."""
+    """The coloured room with a floor that also reflects `specular` of the light in a GGX lobe.
 
+    For light maps it is a diffuse floor that reflects as much in all.
+    """
+
+    light_size: Annotated[float, Axis(0.2, 0.6, log=True, unit="m")] = 0.4
     roughness: Annotated[float, Axis(0, 0.8)] = 0.05  # GGX alpha
-    specular: Annotated[float, Axis(0.05, 0.3)] = 0.3
+    specular: Annotated[float, Axis(0.05, 0.4)] = 0.4
 
-    FLOOR = 0.15  # diffuse albedo
+    FLOOR = 0.1  # diffuse albedo
+
+    def reflectance(self, name: str) -> float | list[float]:
+        return self.FLOOR if name == "floor" else super().reflectance(name)
 
     def surfaces(self) -> dict:
         floor = flat(self.charts()["floor"], glossy(self.FLOOR, self.specular, self.roughness))
         return {**super().surfaces(), "floor": floor}
 
+    def sensor(self, size: int) -> dict:
+        return perspective([0, -1.95, 1.2], [0, -0.25, 0], 55, size)
+
     def view(self, size: int = 128) -> View:
         view = super().view(size)
+        dull = flat(self.charts()["floor"], diffuse(self.FLOOR + self.specular))
         floor = view.surface.chart == 0
         polished = dataclasses.replace(
             view.surface,
@@ -200,7 +213,8 @@ class PolishedFloorRoom(ColouredRoom):
             specular=mi.Color3f(dr.select(floor, mi.Float(self.specular), 0)),
             alpha=mi.Float(self.roughness),
         )
-        return dataclasses.replace(view, surface=polished)
+        gather = light_solver(mi.load_dict({**self.world(), "floor": dull}, optimize=False))
+        return dataclasses.replace(view, surface=polished, gather=gather)
 
 
 @scene(
@@ -276,7 +290,9 @@ class BrickWall(Room):
         surface = dataclasses.replace(
             view.surface, normal=normal, albedo=mi.Color3f(self.STONE), chart=dr.zeros(mi.UInt32, size * size)
         )
-        return dataclasses.replace(view, surface=surface, charts=(wall,))
+        return dataclasses.replace(
+            view, surface=surface, charts=(dataclasses.replace(wall, albedo=self.STONE),)
+        )
 
 
 @scene(

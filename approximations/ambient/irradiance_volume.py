@@ -13,9 +13,9 @@ matter most (heroes) have the ambient term raised with the direct light, so that
 
 In print, and what was done here:
 - The average is only named; the recursion above is the usual one. tau is not given: 0.3 s here.
-- How much a hero gains is not given. `boost` b raises E_ambient to at least b times the direct irradiance of
+- How much a hero gains is not given: `boost` b raises E_ambient to at least b times the direct irradiance of
   a facing surface, by one factor for all normals; it makes light from nothing.
-- The lamp is a point for models ("point"): I = 4 |u x v| L cos_l of a rectangle, V from one ray to its middle.
+- The lamp is a point for models ("point"): I = 4 |u x v| L cos_l of a rectangle, V from a ray to its middle.
 """
 
 from __future__ import annotations

@@ -13,13 +13,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scenes.contract import Chart
+from approximations.kit.gathered_light import meets
+from scenes.contract import Chart, View
+from scenes.mitsuba_parts import chart_index
 
 
 @dataclass
 class Atlas:
-    """The charts' frames (corner in m, unit u and v, edges in m), their grids, and where in the list of all
-    luxels each one's begin."""
+    """The charts' frames (corner in m, unit u and v, edges in m), their grids, where in the list of all
+    luxels each one's begin, and their reflectances."""
 
     corner: mi.Point3f
     u: mi.Vector3f
@@ -28,6 +30,7 @@ class Atlas:
     columns: mi.UInt32
     rows: mi.UInt32
     first: mi.UInt32
+    albedo: mi.Color3f
     luxels: int
 
     def frame(self, chart: mi.UInt32) -> mi.Frame3f:
@@ -64,6 +67,7 @@ def atlas(charts: tuple[Chart, ...], luxel: float) -> Atlas:
         mi.UInt32(columns),
         mi.UInt32(rows),
         mi.UInt32(first.astype(np.uint32)),
+        mi.Color3f(np.array([np.ones(3) * c.albedo for c in charts], np.float32).T.copy()),
         int((columns * rows).sum()),
     )
 
@@ -90,3 +94,16 @@ def place(grid: Atlas, p: mi.Point3f, chart: mi.UInt32) -> Place:
     right, up = dr.minimum(i + 1, m - 1), dr.minimum(j + 1, n - 1)
     corners = (first + j * m + i, first + j * m + right, first + up * m + i, first + up * m + right)
     return Place(corners, x - mi.Float(i), y - mi.Float(j))
+
+
+def seen_along(view: View, grid: Atlas, irradiance: mi.Color3f, p: mi.Point3f, w: mi.Vector3f) -> mi.Color3f:
+    """Radiance (W m^-2 sr^-1) that arrives at points p from unit directions w in a world that is lit by its
+    light map: a light, or albedo / pi E of the surface that a ray meets."""
+    far = view.trace(p, w)
+    hit = mi.Point3f(p + far * w)
+    chart = chart_index(hit, view.charts)
+    met = dr.inv_pi * dr.gather(mi.Color3f, grid.albedo, chart) * place(grid, hit, chart).fetch(irradiance)
+    met = dr.select(dr.isfinite(far), met, 0)
+    for light in view.lights:
+        met = dr.select(meets(view, light, p, w), mi.Color3f(light.radiance), met)
+    return met
