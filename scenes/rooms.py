@@ -182,7 +182,7 @@ class ColouredRoom(Room):
 )
 @dataclass(frozen=True)
 class PolishedFloorRoom(ColouredRoom):
-    """The coloured room with a floor that also reflects `specular` of the light in a GGX lobe.
+    """The coloured room with a floor that also reflects `specular` of the light in a GGX lobe, seen flat.
 
     For light maps it is a diffuse floor that reflects as much in all.
     """
@@ -201,7 +201,7 @@ class PolishedFloorRoom(ColouredRoom):
         return {**super().surfaces(), "floor": floor}
 
     def sensor(self, size: int) -> dict:
-        return perspective([0, -1.95, 1.2], [0, -0.25, 0], 55, size)
+        return perspective([0, -1.95, 0.6], [0, 0, 0.1], 60, size)
 
     def view(self, size: int = 128) -> View:
         view = super().view(size)

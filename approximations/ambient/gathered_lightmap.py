@@ -1,7 +1,7 @@
 r"""A light map of one bounce, with ambient occlusion for the others.
 
 SIGGRAPH 2006 Course 26, section 3.3.2. Full global illumination took too long to bake, so that a final
-gather (direct light and its first bounce) was combined with ambient occlusion, tone-mapped to a fitting range:
+gather (direct light and its first bounce) was combined with ambient occlusion, tone-mapped to fit:
 
     E_0(x) = direct irradiance,
     E_1(x) = E_0(x) + int albedo / pi E_0(x') cos dw       x' what is met along w

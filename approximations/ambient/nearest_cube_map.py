@@ -141,8 +141,8 @@ def lobe_traced(view: View, world: Captured, n: mi.Vector3f, v: mi.Vector3f) -> 
 def bake(
     view: View,
     *,
-    probes: Annotated[int, Sweep(3, low=1, high=16)] = 2,
-    size: Annotated[int, Sweep(16, 128, low=4, high=512)] = 64,
+    probes: Annotated[int, Sweep(2, low=1, high=16)] = 3,
+    size: Annotated[int, Sweep(16, low=4, high=512)] = 64,
 ) -> Captured:
     """Cube maps in a row along the longer side of the level, and its light map.
 

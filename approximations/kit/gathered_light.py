@@ -72,7 +72,9 @@ def from_surfaces(view: View, p: mi.Point3f, n: mi.Vector3f, rays: int, seed: in
     w = mi.Frame3f(dr.gather(mi.Vector3f, mi.Vector3f(n), lane // rays)).to_world(local)
     met = view.gather(start, w, seed)
     lit = sum((dr.select(meets(view, light, start, w), mi.Float(1), 0) for light in view.lights), mi.Float(0))
-    return Arriving(w, dr.select(lit > 0, 0, 2 * dr.pi / rays * met), rays)
+    found = Arriving(w, dr.select(lit > 0, 0, 2 * dr.pi / rays * met), rays)
+    dr.eval(found.direction, found.weight)
+    return found
 
 
 def meets(view: View, light: AreaLight, p: mi.Point3f, w: mi.Vector3f) -> mi.Bool:
