@@ -1,7 +1,7 @@
 """Scenes of closed solids under a uniform sky: where distance fields are built and read.
 
-Everything comes from a list of balls and boxes: the shapes for Mitsuba, the solids that a technique voxelises,
-the distances of the truth.
+Everything comes from a list of balls and boxes: the shapes for Mitsuba, the solids that a technique
+voxelises, the distances of the truth.
 """
 
 from __future__ import annotations
@@ -178,9 +178,10 @@ class SolidsUnderSky(Solids):
         return orthographic([-2, -6, 6.5], [0, 0, 0.3], 1.6, size)
 
     def probes(self, size: int) -> View:
-        """Points of the slice in camera.origin, row by row from the top: x from left to right, z upwards."""
+        """Points of the slice in camera.origin, row by row from the top: x from left to right, its ends
+        included, z upwards."""
         i = dr.arange(mi.UInt32, size * size)
-        x = self.HALF_WIDTH * (2 * (mi.Float(i % size) + 0.5) / size - 1)
+        x = self.HALF_WIDTH * (2 * mi.Float(i % size) / max(size - 1, 1) - 1)
         z = self.HEIGHT * (1 - (mi.Float(i // size) + 0.5) / size)
         along = dr.zeros(mi.Vector3f, size * size) + mi.Vector3f(0, 1, 0)
         return self._view(

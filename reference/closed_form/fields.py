@@ -2,8 +2,8 @@ r"""Sky visibility and distance among balls and boxes, in float64.
 
 Openness is the cosine-weighted share of the hemisphere about the normal n that nothing hides.
 
-BallOverFloor, R the radius, D the distance from a floor point to the centre at height H, t the angle between n
-and the vertical:
+BallOverFloor, R the radius, D the distance from a floor point to the centre at height H, t the angle between
+n and the vertical:
     on the floor  1 - (R / D)^2 H / D          all of the ball is above the floor's horizon
     on the ball   (1 + cos t) / 2              the floor hides all that is below the horizon
 Groove, m the normal of the plane through the point and the other wall's upper edge:
@@ -73,8 +73,8 @@ def _meets(o: np.ndarray, w: np.ndarray, a: float, side: float, wall: float) -> 
 @closed_form(SolidsUnderSky, DISTANCE)
 def distance_in_slice(scene: SolidsUnderSky, size: int) -> np.ndarray:
     """(size, size, 1), m, at the scene's probes."""
-    centre = (np.arange(size) + 0.5) / size
-    z, x = np.meshgrid(scene.HEIGHT * (1 - centre), scene.HALF_WIDTH * (2 * centre - 1), indexing="ij")
+    column, row = np.arange(size) / max(size - 1, 1), (np.arange(size) + 0.5) / size
+    z, x = np.meshgrid(scene.HEIGHT * (1 - row), scene.HALF_WIDTH * (2 * column - 1), indexing="ij")
     p = np.stack([x, np.zeros_like(x), z], axis=-1)
     return np.min([signed_distance(s, p) for s in scene.solids()], axis=0)[..., None]
 
