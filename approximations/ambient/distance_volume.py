@@ -43,7 +43,7 @@ STORAGE = {"8 bits": 8, "16 bits": 16, "float": 32}
     on=(SolidsUnderSky,),
     replaces="the signed distance to the nearest surface",
     neglects=(SPATIAL_DETAIL, NUMBER_FORMAT),
-    claims=(exact_when("SolidsUnderSky", 0.006, knobs={"metric": "exact", "storage": "float"}),),
+    claims=(exact_when("SolidsUnderSky", 0.008, knobs={"metric": "exact", "storage": "float"}),),
     stress={"SolidsUnderSky": ("thickness",)},
 )
 def distance_volume(view: View, volume: Volume) -> mi.Float:

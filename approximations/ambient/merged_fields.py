@@ -9,17 +9,17 @@ SIGGRAPH 2006 Course 26, chapter 9.8. phi is positive outside.
 
 Local fields by kind of object:
 
-    analytic     box and ball in closed form; what is larger than the volume, such as a floor, always is
+    analytic     box and ball in closed form; what is larger than LARGE, such as a floor, always is
     volume       a 32^3 volume over the padded box, baked once
     star         a star-shaped body by its radius in each direction: r - R(w), a distance along the radius
     star cosine  the same times the cosine of the slope, n . w: right to first order at the surface
 
 In print, and what was done here:
-- With the text's sign (positive inside) the `min` of the blend is the intersection: of bodies apart, nothing.
-  `merge="max"` is what comes of it in phi.
+- With the text's sign (positive inside) the `min` of the blend is an intersection, and with the cleared
+  volume it is empty: far everywhere. `merge="max"` is that in phi.
 - The radius map of 32 x 32 x 6 texels is blurred with its square, and the spread of the radius sets the width
   of the falloff by a formula that is not given; here the slope of r - R is kept at 1, or at n . w.
-- Opposite faces of the radius map of a ball or a box are alike, so that three are kept.
+- The octants of a ball or a box are alike, so that a quarter of three faces of the radius map is kept.
 - Slices of the boxes are rasterised; here a cell is drawn where its centre lies in the padded box.
 - Beyond its padded box an object has no effect: the field steps from `padding` to far there. What far is is
   not said: `clear` offers the range of -1 to 1 that the volumes have, and the padding.
@@ -46,7 +46,8 @@ from approximations.kit.volume import Grid, Volume, as_volume, cell_centres, gri
 from scenes.contract import DISTANCE, Scene, Solid, View
 from scenes.fields import SolidsUnderSky
 
-FACE = 32  # texels along the edge of a face of the radius map
+FACE = 16  # texels along half the edge of a face of the radius map
+LARGE = 10.0  # m: larger bodies are analytic
 
 
 @dataclass
@@ -85,7 +86,7 @@ def merged_fields(
     grid = grid_over(view.bounds, resolution)
     p = cell_centres(grid)
     far = padding if clear == "padding" else 0.5 * grid.cell * max(grid.shape)
-    blend, phi = (dr.minimum, mi.Float(far)) if merge == "min" else (dr.maximum, mi.Float(-far))
+    blend, phi = dr.minimum if merge == "min" else dr.maximum, mi.Float(far)
     for solid, own in zip(view.solids, local, strict=True):
         drawn = dr.all(dr.abs(local_point(solid, p)) <= mi.Vector3f(solid.half) + padding)
         phi = blend(phi, dr.select(drawn, _own_field(solid, own, p), far))
@@ -109,11 +110,10 @@ def _on_faces(q: mi.Vector3f) -> mi.Point3f:
     x, y = (a.x >= a.y) & (a.x >= a.z), a.y >= a.z
     major, u, v = (
         dr.select(x, one, dr.select(y, two, three))
-        for one, two, three in ((a.x, q.y, q.z), (a.y, q.z, q.x), (a.z, q.x, q.y))
+        for one, two, three in ((a.x, a.y, a.z), (a.y, a.z, a.x), (a.z, a.x, a.y))
     )
-    side, edge = dr.maximum(major, 1e-12), 0.5 / FACE
     layer = dr.select(x, 0.5, dr.select(y, 1.5, mi.Float(2.5)))
-    return mi.Point3f(*(dr.clip(0.5 + 0.5 * s / side, edge, 1 - edge) for s in (u, v)), layer / 3)
+    return mi.Point3f(u, v, layer * major / 3) / dr.maximum(major, 1e-12)
 
 
 @merged_fields.bake
@@ -121,12 +121,8 @@ def bake(
     view: View, *, field: Literal["analytic", "volume", "star", "star cosine"] = "analytic"
 ) -> tuple[Local, ...]:
     """The objects' own fields, in m."""
-    low, high = view.bounds
-    largest = max(b - a for a, b in zip(low, high, strict=True))
     make = {"volume": _own_volume, "star": _radius_map, "star cosine": _radius_map}.get(field)
-    return tuple(
-        make(solid, field) if make and max(solid.half) < largest else Local() for solid in view.solids
-    )
+    return tuple(make(solid, field) if make and max(solid.half) < LARGE else Local() for solid in view.solids)
 
 
 def _own_volume(solid: Solid, field: str) -> Local:
@@ -142,9 +138,9 @@ def _radius_map(solid: Solid, field: str) -> Local:
     """Radius and cosine of the slope in the directions of the texels of three faces."""
     grid = Grid((0.0, 0.0, 0.0), 1.0, (3, FACE, FACE))
     texel = cell_centres(grid)
-    u, v = 2 * texel.x / FACE - 1, 2 * texel.y / FACE - 1
+    u, v = texel.x / FACE, texel.y / FACE
     x, y, z = mi.Vector3f(1, u, v), mi.Vector3f(v, 1, u), mi.Vector3f(u, v, 1)
-    w = dr.abs(dr.normalize(dr.select(texel.z < 1, x, dr.select(texel.z < 2, y, z))))
+    w = dr.normalize(dr.select(texel.z < 1, x, dr.select(texel.z < 2, y, z)))
     if solid.shape == "ball":
         radius, slope = dr.full(mi.Float, solid.half[0], dr.width(w)), mi.Float(1)
     else:

@@ -19,7 +19,7 @@ from approximations.kit.volume import Grid
 @dataclass
 class Atlas:
     """texture: the tiles. low, span: corner and edges of the volume (m). across, down: tiles. table: for each
-    slice the corner of its tile in texture coordinates."""
+    slice the corners of its tile and of the next one's, in texture coordinates."""
 
     texture: mi.Texture2f
     low: mi.Point3f
@@ -27,7 +27,7 @@ class Atlas:
     cells: tuple[int, int, int]  # along x, y, z
     across: int
     down: int
-    table: mi.Point2f
+    table: mi.Vector4f
 
 
 def as_atlas(grid: Grid, values: np.ndarray, table_bits: int = 32) -> Atlas:
@@ -38,7 +38,8 @@ def as_atlas(grid: Grid, values: np.ndarray, table_bits: int = 32) -> Atlas:
     k = np.arange(nz)
     tiles = np.zeros((down, ny, across, nx), np.float32)
     tiles[k // across, :, k % across] = values
-    corners = np.stack([k % across / across, k // across / down])
+    corner = np.stack([k % across / across, k // across / down])
+    corners = np.concatenate([corner, np.roll(corner, -1, axis=1)])
     if table_bits < 32:
         corners = np.round(corners * (2**table_bits - 1)) / (2**table_bits - 1)
     texels = mi.TensorXf(tiles.reshape(down * ny, across * nx, 1))
@@ -49,7 +50,7 @@ def as_atlas(grid: Grid, values: np.ndarray, table_bits: int = 32) -> Atlas:
         (nx, ny, nz),
         across,
         down,
-        mi.Point2f(corners.astype(np.float32)),
+        mi.Vector4f(corners.astype(np.float32)),
     )
 
 
@@ -62,9 +63,7 @@ def fetch(atlas: Atlas, p: mi.Point3f, half_slice: bool = True, clamped: bool = 
     uv = dr.clip(mi.Vector2f(uvw.x, uvw.y), border, 1 - border)
     z = dr.clip(nz * uvw.z - (0.5 if half_slice else 0.0), 0, nz - 1)
     k = mi.UInt32(z)
-    tiles = mi.Vector2f(atlas.across, atlas.down)
-    below, above = (
-        atlas.texture.eval(dr.gather(mi.Point2f, atlas.table, slice_) + uv / tiles)[0]
-        for slice_ in (k, dr.minimum(k + 1, nz - 1))
-    )
+    at = dr.gather(mi.Vector4f, atlas.table, k)
+    uv /= mi.Vector2f(atlas.across, atlas.down)
+    below, above = (atlas.texture.eval(mi.Point2f(corner) + uv)[0] for corner in (at.xy, at.zw))
     return dr.lerp(below, above, z - mi.Float(k))

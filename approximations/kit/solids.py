@@ -39,9 +39,11 @@ def distance_to_all(solids: Sequence[Solid], p: mi.Point3f) -> mi.Float:
 def share_inside(solids: Sequence[Solid], p: mi.Point3f, cell: float, n: int) -> mi.Float:
     """Share of n x n x n even points of the cells round p (edge `cell`, m) that lie inside, 0 to 1."""
 
+    corner = p - 0.5 * cell
+
     def count(i: mi.UInt32, found: mi.Float) -> tuple[mi.UInt32, mi.Float]:
         at = mi.Vector3f(i % n, (i // n) % n, i // (n * n)) + 0.5
-        inside = distance_to_all(solids, p + cell * (at / n - 0.5)) < 0
+        inside = distance_to_all(solids, corner + cell / n * at) < 0
         return i + 1, found + dr.select(inside, mi.Float(1), 0)
 
     _, found = dr.while_loop(
