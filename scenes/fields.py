@@ -103,7 +103,7 @@ class BallOverFloor(Solids):
         return [-4.0, -4.0, -1.0], [4.0, 4.0, 4.5]
 
     def sensor(self, size: int) -> dict:
-        return orthographic([0, -9, 7.5], [0, 0, 0.5 + 0.5 * self.gap], 2.6, size)
+        return orthographic([0, -9, 7.5], [0, 0, 0.5 + 0.5 * self.gap], 2.15, size)
 
 
 @scene(
@@ -160,7 +160,7 @@ class SolidsUnderSky(Solids):
     gap: Annotated[float, Axis(0, 0.45, unit="m")] = 0.0
 
     HEIGHT = 1.5  # m of the slice
-    HALF_WIDTH = 2.0  # m of the slice to each side
+    HALF_WIDTH = 2.4  # m of the slice to each side
 
     def solids(self) -> tuple[Solid, ...]:
         c, s = math.cos(math.radians(30)), math.sin(math.radians(30))
@@ -172,10 +172,10 @@ class SolidsUnderSky(Solids):
         )
 
     def bounds(self) -> tuple[list[float], list[float]]:
-        return [-2.0, -2.0, -0.5], [2.0, 2.0, 1.5]
+        return [-2.4, -2.4, -0.4], [2.4, 2.4, 2.0]
 
     def sensor(self, size: int) -> dict:
-        return orthographic([-2, -6, 6.5], [0, 0, 0.3], 1.6, size)
+        return orthographic([-2, -6, 6.5], [0, 0, 0.3], 1.5, size)
 
     def probes(self, size: int) -> View:
         """Points of the slice in camera.origin, row by row from the top: x from left to right, its ends
