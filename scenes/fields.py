@@ -154,12 +154,12 @@ class Groove(Solids):
 class SolidsUnderSky(Solids):
     """A ball of 0.5 m whose lowest point hangs `gap` above the floor, a wall of `thickness` 1 m high, and a
     box turned by 30 degrees. Wall and box reach below the floor, so that the least of the solids' distances
-    is exact in all of the slice y = 0, 0 < z < 1.5."""
+    is exact in all of the slice y = 0, 0 < z < 2."""
 
     thickness: Annotated[float, Axis(0.005, 0.5, log=True, unit="m")] = 0.1
     gap: Annotated[float, Axis(0, 0.45, unit="m")] = 0.0
 
-    HEIGHT = 1.5  # m of the slice
+    HEIGHT = 2.0  # m of the slice
     HALF_WIDTH = 2.4  # m of the slice to each side
 
     def solids(self) -> tuple[Solid, ...]:

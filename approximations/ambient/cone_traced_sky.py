@@ -30,8 +30,9 @@ from scenes.fields import BallOverFloor, SolidsUnderSky
 
 TAN = math.tan(math.radians(30))
 ASIDE = [math.radians(72 * i) for i in range(5)]
-CONES = [(0.0, 0.0, 1.0, 0.25)] + [
-    (math.sqrt(0.75) * math.cos(a), math.sqrt(0.75) * math.sin(a), 0.5, 0.15) for a in ASIDE
+CONES = [
+    (0.0, 0.0, 1.0, 0.25),
+    *((math.sqrt(0.75) * math.cos(a), math.sqrt(0.75) * math.sin(a), 0.5, 0.15) for a in ASIDE),
 ]
 
 

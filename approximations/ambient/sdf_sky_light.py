@@ -14,8 +14,8 @@ the listing gives exp(0.702 (1 + alpha cos t)) where the sky gives (1 + cos t) /
 In print, and what was done here:
 - The text's S is positive inside and its sum [S_i + d_i]; the listing needs phi, which is larger in the open.
 - k is not given. Here it is k over the sum of the distances. alpha k = ln 2 fits (1 + cos t) / 2 at t = 0 and
-  at 90 degrees, and the listing's 0.702 is nearly that for its alpha of 1; where things stand on the ground, half
-  of it errs half as much, which is the default.
+  at 90 degrees, and the listing's 0.702 is nearly that for its alpha of 1; where things stand on the ground,
+  half of it errs half as much, which is the default.
 - alpha is 0.5 in the text and 1 in the listing of the same figure.
 - The text counts samples from d_0 = 0, the figure and the listing have four: `first="surface"` adds d_0.
 - The brightness that the listing multiplies by is a global constant; here open ground gets 1. `gain="none"`

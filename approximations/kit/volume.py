@@ -83,8 +83,10 @@ def halved(grid: Grid, values: np.ndarray) -> tuple[Grid, np.ndarray]:
 
 
 def stored(values: np.ndarray, reach: float, bits: int) -> np.ndarray:
-    """Values from -reach to reach as unsigned integers of so many bits hold them; 32 leaves them alone."""
+    """Values from -reach to reach as integers of so many bits hold them, 0 among them; 32 leaves them alone.
+
+    The listing's form: of 8 bits the 255 steps from 1 to 255, 128 for 0."""
     if bits == 32:
         return values
-    steps = 2**bits - 1
-    return reach * (2 * np.round(steps * (0.5 + 0.5 * np.clip(values / reach, -1, 1))) / steps - 1)
+    steps = 2 ** (bits - 1) - 1
+    return reach * np.round(steps * np.clip(values / reach, -1, 1)) / steps
