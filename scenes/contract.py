@@ -171,6 +171,17 @@ class Surface:
     specular: Any = None  # Fresnel reflectance at normal incidence, 0..1
     alpha: Any = None  # GGX roughness, 0..1
     uv: Any = None  # texture coordinates, 0..1
+    chart: Any = None  # index into the view's charts
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A flat rectangle with a light map of its own: (s, t) in [0, 1]^2 is the point corner + s u + t v, and
+    its lit side is that of u x v."""
+
+    corner: Any  # m
+    u: Any  # m, a whole edge
+    v: Any  # m, at right angles to u
 
 
 @dataclass(frozen=True)
@@ -287,6 +298,8 @@ class View:
     environment: Callable[[Any], Any] | None = None  # radiance from a unit direction
     lights: tuple[AreaLight, ...] = ()
     points: tuple[PointLight, ...] = ()
+    charts: tuple[Chart, ...] = ()  # the surfaces that can have light maps
+    velocity: Any = None  # of the model at each probe, m/s
     fog: Fog | None = None
     cloud: Cloud | None = None
     fragments: Fragments | None = None

@@ -1,4 +1,4 @@
-"""Scenes as files that Mitsuba itself reads: XML, with density grids beside it."""
+"""Scenes as files that Mitsuba itself reads: XML, with density grids and images beside it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scenes.contract import BadInput
 
 
 def export(description: dict, folder: Path, name: str) -> Path:
-    """Write a scene dictionary as folder/name.xml with its grids as .vol files; the XML's path.
+    """Write a scene dictionary as folder/name.xml, its grids as .vol and its images as .exr; the XML's path.
 
     Raises BadInput where the folder cannot be written.
     """
@@ -53,4 +53,8 @@ def _with_files(value: Any, folder: Path, name: str) -> Any:
         grid.write(str(path))
         rest = {k: v for k, v in value.items() if k not in ("grid", "data")}
         return rest | {"filename": str(path)}
+    if "bitmap" in value:
+        path = folder / f"{name}.exr"
+        value["bitmap"].write(str(path))
+        return {k: v for k, v in value.items() if k != "bitmap"} | {"filename": str(path)}
     return {k: _with_files(v, folder, f"{name}-{k}") for k, v in value.items()}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scenes.contract import AreaLight, Camera, Surface
+from scenes.contract import AreaLight, Camera, Chart, Surface
 
 SUN_DISTANCE = 1e5  # m: parallax across a scene of a few metres stays under 1e-4 rad
 SMALL_SUN = 0.02  # rad
@@ -113,6 +114,22 @@ def glossy(albedo: Any, specular: Any, alpha: float) -> dict:
     return {"type": "blendbsdf", "weight": 0.5, "base": base, "lobe": mirror}
 
 
+def environment_light(radiance: Callable[[mi.Vector3f], mi.Color3f], rows: int) -> dict:
+    """Light from far away, z up, given by unit direction: an image of 2 rows x rows, looked up bilinearly.
+
+    Mitsuba's columns stand at the middles of 2 rows equal angles and its rows at rows - 1 equal steps from
+    pole to pole.
+    """
+    i = dr.arange(mi.UInt32, 2 * rows * rows)
+    azimuth = (mi.Float(i % (2 * rows)) + 0.5) * (dr.pi / rows)
+    polar = mi.Float(i // (2 * rows)) * (dr.pi / (rows - 1))
+    s = dr.sin(polar)
+    values = radiance(mi.Vector3f(s * dr.sin(azimuth), s * dr.cos(azimuth), dr.cos(polar)))
+    image = np.array(values, np.float32).T.reshape(rows, 2 * rows, 3)
+    upright = mi.ScalarTransform4f().rotate([1, 0, 0], 90)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(image)), "to_world": upright}
+
+
 def rgb(value: Any) -> dict:
     """A number or three as a Mitsuba colour."""
     grey = np.ndim(value) == 0
@@ -139,6 +156,27 @@ def area_light(light: AreaLight, texture: np.ndarray | None = None) -> dict:
     columns = np.column_stack([u, v, n / np.linalg.norm(n), c])
     to_world = mi.ScalarTransform4f(np.vstack([columns, [0, 0, 0, 1]]))
     return {"type": light.shape, "to_world": to_world, **glow}
+
+
+def flat(chart: Chart, bsdf: dict) -> dict:
+    """A chart as a Mitsuba rectangle, one-sided where its BSDF is; uv is (s, t)."""
+    c, u, v = (np.asarray(x, float) for x in (chart.corner, chart.u, chart.v))
+    n = np.cross(u, v)
+    columns = np.column_stack([u / 2, v / 2, n / np.linalg.norm(n), c + (u + v) / 2])
+    to_world = mi.ScalarTransform4f(np.vstack([columns, [0, 0, 0, 1]]))
+    return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf}
+
+
+def chart_index(p: mi.Point3f, charts: tuple[Chart, ...]) -> mi.UInt32:
+    """The chart that each surface point lies on: the nearest."""
+    nearest, index = mi.Float(dr.inf), mi.UInt32(0)
+    for k, chart in enumerate(charts):
+        c, u, v = (mi.Vector3f(x) for x in (chart.corner, chart.u, chart.v))
+        s, t = (dr.clip(dr.dot(p - c, e) / dr.squared_norm(e), 0, 1) for e in (u, v))
+        away = dr.squared_norm(p - (c + s * u + t * v))
+        index = dr.select(away < nearest, mi.UInt32(k), index)
+        nearest = dr.minimum(away, nearest)
+    return index
 
 
 def camera_rays(sensor: mi.Sensor, size: int) -> Camera:
