@@ -6,6 +6,7 @@ voxelises, the distances of the truth.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,8 +15,20 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scenes.contract import DISTANCE, SKY_VISIBILITY, Axis, Camera, Scene, Solid, View, scene
+from scenes.contract import (
+    DISTANCE,
+    LIGHT_VISIBILITY,
+    SKY_VISIBILITY,
+    AreaLight,
+    Axis,
+    Camera,
+    Scene,
+    Solid,
+    View,
+    scene,
+)
 from scenes.mitsuba_parts import (
+    area_light,
     camera_rays,
     diffuse,
     g_buffer,
@@ -187,3 +200,49 @@ class SolidsUnderSky(Solids):
         return self._view(
             size, Camera(mi.Point3f(x, 0 * x, z), along, mi.Vector3f(0, 1, 0), 0.0, math.inf), False
         )
+
+
+@scene(
+    theme="ambient",
+    shows="a ball and a box on a floor in the light of a round lamp: shadows with penumbras",
+    quantities=(LIGHT_VISIBILITY,),
+    exposure=(-2.0, 2.0),
+)
+@dataclass(frozen=True)
+class SolidsUnderLamp(Solids):
+    """The lamp hangs at the left, 1.7 m above the floor."""
+
+    lamp_radius: Annotated[float, Axis(0.02, 0.5, log=True, unit="m")] = 0.2
+
+    LAMP = (-1.5, -1.0, 1.7)  # m
+    RADIANCE_OF_LAMP = 10.0
+
+    def solids(self) -> tuple[Solid, ...]:
+        c, s = math.cos(math.radians(30)), math.sin(math.radians(30))
+        return (
+            floor(),
+            Solid("ball", (-0.85, 0.2, 0.35), (0.35, 0.35, 0.35)),
+            Solid("box", (0.1, -0.4, 0.3), (0.15, 0.4, 0.5), ((c, s, 0), (-s, c, 0), (0, 0, 1))),
+        )
+
+    def bounds(self) -> tuple[list[float], list[float]]:
+        return [-2.4, -2.4, -0.4], [2.4, 2.4, 2.0]
+
+    def sensor(self, size: int) -> dict:
+        return orthographic([-2, -6, 6.5], [0, 0, 0.2], 1.5, size)
+
+    def lamp(self) -> AreaLight:
+        """A glowing ball."""
+        r = self.lamp_radius
+        return AreaLight("sphere", list(self.LAMP), [r, 0.0, 0.0], [0.0, r, 0.0], self.RADIANCE_OF_LAMP)
+
+    def mitsuba(self, size: int = 128) -> dict:
+        return {
+            "type": "scene",
+            **self.surfaces(),
+            "lamp": area_light(self.lamp()),
+            "sensor": self.sensor(size),
+        }
+
+    def view(self, size: int = 128) -> View:
+        return dataclasses.replace(super().view(size), sky=None, lights=(self.lamp(),))

@@ -50,9 +50,10 @@ def cell_centres(grid: Grid) -> mi.Point3f:
     return mi.Point3f(grid.low) + grid.cell * cell
 
 
-def on_grid(grid: Grid, values: mi.Float) -> np.ndarray:
-    """Values of one lane per cell as an array of the grid's shape."""
-    return np.array(values).reshape(grid.shape)
+def on_grid(grid: Grid, values: mi.Float | mi.Vector3f) -> np.ndarray:
+    """Values of one lane per cell as an array of the grid's shape, vectors with their components last."""
+    array = np.array(values)
+    return array.reshape(grid.shape) if array.ndim == 1 else array.T.reshape(*grid.shape, len(array))
 
 
 def as_volume(grid: Grid, values: np.ndarray | mi.Float) -> Volume:
@@ -66,7 +67,12 @@ def as_volume(grid: Grid, values: np.ndarray | mi.Float) -> Volume:
 
 def look_up(volume: Volume, p: mi.Point3f) -> mi.Float:
     """Trilinear value of the first channel at p."""
-    return volume.texture.eval((p - volume.low) / volume.span)[0]
+    return look_up_all(volume, p)[0]
+
+
+def look_up_all(volume: Volume, p: mi.Point3f) -> list[mi.Float]:
+    """Trilinear values of all channels at p."""
+    return volume.texture.eval((p - volume.low) / volume.span)
 
 
 def blurred(values: np.ndarray, sigma: float) -> np.ndarray:
@@ -76,10 +82,11 @@ def blurred(values: np.ndarray, sigma: float) -> np.ndarray:
 
 def halved(grid: Grid, values: np.ndarray) -> tuple[Grid, np.ndarray]:
     """The next mip: means over 2 x 2 x 2 cells. An odd last layer counts twice."""
-    padded = np.pad(values, [(0, n % 2) for n in grid.shape], mode="edge")
-    nz, ny, nx = (n // 2 for n in padded.shape)
-    means = padded.reshape(nz, 2, ny, 2, nx, 2).mean(axis=(1, 3, 5))
-    return Grid(grid.low, 2 * grid.cell, means.shape), means
+    rest = values.shape[3:]
+    padded = np.pad(values, [*((0, n % 2) for n in grid.shape), *[(0, 0)] * len(rest)], mode="edge")
+    nz, ny, nx = (n // 2 for n in padded.shape[:3])
+    means = padded.reshape(nz, 2, ny, 2, nx, 2, *rest).mean(axis=(1, 3, 5))
+    return Grid(grid.low, 2 * grid.cell, (nz, ny, nx)), means
 
 
 def stored(values: np.ndarray, reach: float, bits: int) -> np.ndarray:
