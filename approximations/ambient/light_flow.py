@@ -7,7 +7,7 @@ D the unit direction of its flow.
     direction  D away from the mean of the lights, from constant and linear spherical harmonics without
                occlusion, kept in a coarser volume
     flow       I_t+1(x) = (1 - m) I_t(x) + m blur(I_t)(x - h D(x))
-    read       I one cell off the surface, as the share of the light that arrives
+    read       I one cell off the surface, where N . L > 0, as the share of the light that arrives
 
 In print, and what was done here:
 - The step above is put together from words: zoom the volume along the directions, blur, blend with itself,
@@ -65,8 +65,10 @@ from scenes.fields import SolidsUnderLamp
 def light_flow(view: View, light: Volume) -> mi.Float:
     """Share of the light, 0 to 1, one number per pixel."""
     surface = view.surface
+    p, n = surface.position, surface.normal
     cell = light.span.x / light.texture.shape[2]
-    return dr.select(surface.valid, look_up(light, surface.position + cell * surface.normal), 1)
+    faces = dr.dot(n, mi.Point3f(view.lights[0].centre) - p) > 0
+    return dr.select(surface.valid, dr.select(faces, look_up(light, p + cell * n), 0), 1)
 
 
 @light_flow.bake
@@ -108,7 +110,7 @@ def _flow(view: View, grid: Grid, direction: str) -> np.ndarray:
 
     def mean_of_lights(p: mi.Point3f) -> mi.Vector3f:
         away = [p - mi.Point3f(light.centre) for light in view.lights]
-        return sum((a * dr.power(dr.squared_norm(a), -1.5) for a in away), mi.Vector3f(0))
+        return sum((a / dr.power(dr.norm(a), 3) for a in away), mi.Vector3f(0))
 
     coarse = grid_over(view.bounds, 8)
     centres = cell_centres(grid)
