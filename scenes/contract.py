@@ -213,6 +213,18 @@ class PointLight:
 
 
 @dataclass(frozen=True)
+class Solid:
+    """A closed opaque body: a ball of radius half[0], or a box of half edges `half` along the unit vectors
+    `axes`, which are at right angles to each other."""
+
+    shape: Literal["ball", "box"]
+    centre: tuple[float, float, float]  # m
+    half: tuple[float, float, float]  # m
+    axes: tuple[tuple[float, float, float], ...] = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+    albedo: Any = 0.5  # diffuse reflectance, 0..1
+
+
+@dataclass(frozen=True)
 class Sun:
     """A distant round light: unit direction to its centre, angular radius (rad, 0 = a point), and the
     irradiance that it gives a surface facing it (W m^-2)."""
@@ -292,6 +304,8 @@ class View:
     fog: Fog | None = None
     cloud: Cloud | None = None
     fragments: Fragments | None = None
+    solids: tuple[Solid, ...] = ()
+    bounds: tuple[Any, Any] | None = None  # lower and upper corner of what a volume has to cover, m
     visible: Callable[[Any, Any, Any], Any] | None = None
     trace: Callable[[Any, Any], Any] | None = None
     gather: Callable[[Any, Any, int], Any] | None = None

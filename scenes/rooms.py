@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import drjit as dr
 import mitsuba as mi
@@ -22,6 +22,7 @@ from scenes.contract import (
     Camera,
     Chart,
     Scene,
+    Solid,
     Surface,
     View,
     scene,
@@ -75,6 +76,25 @@ def hall(low: list[float], high: list[float]) -> dict[str, Chart]:
         "far": Chart([x0, y1, z0], [w, 0, 0], [0, 0, h]),
         "near": Chart([x1, y0, z0], [-w, 0, 0], [0, 0, h]),
     }
+
+
+def slab(chart: Chart, thickness: float, albedo: float | list[float]) -> Solid:
+    """What lies behind a chart, so much wider that slabs overlap in corners."""
+    u, v = np.array(chart.u, float), np.array(chart.v, float)
+    axes = [u / np.linalg.norm(u), v / np.linalg.norm(v)]
+    axes.append(np.cross(*axes))
+    half = (*(0.5 * float(np.linalg.norm(e)) + thickness for e in (u, v)), 0.5 * thickness)
+    centre = np.array(chart.corner) + 0.5 * (u + v - thickness * axes[2])
+    return Solid("box", tuple(centre.tolist()), half, tuple(tuple(a.tolist()) for a in axes), albedo)
+
+
+def turned(low: list[float], high: list[float], turn_deg: float, albedo: float) -> Solid:
+    """The body of `box`."""
+    a = math.radians(turn_deg)
+    axes = ((math.cos(a), math.sin(a), 0.0), (-math.sin(a), math.cos(a), 0.0), (0.0, 0.0, 1.0))
+    pairs = list(zip(low, high, strict=True))
+    centre, half = tuple(0.5 * (a + b) for a, b in pairs), tuple(0.5 * (b - a) for a, b in pairs)
+    return Solid("box", centre, half, axes, albedo)
 
 
 @dataclass(frozen=True)
@@ -148,16 +168,31 @@ class ColouredRoom(Room):
 
     FLUX = 50.0  # W
     BELOW_CEILING = 0.01  # m
+    THICKNESS = 0.2  # m, of the walls as solids
+    BLOCKS: ClassVar = {
+        "tall": ([-0.65, 0.05, 0], [-0.05, 0.65, 1.2], 17),
+        "low": ([0.05, -0.65, 0], [0.65, -0.05, 0.6], -18),
+    }
 
     def charts(self) -> dict[str, Chart]:
         found = hall([-1, -2, 0], [1, 1, 2])
-        if self.blocks:
-            for name, sides in {
-                "tall": box([-0.65, 0.05, 0], [-0.05, 0.65, 1.2], 17),
-                "low": box([0.05, -0.65, 0], [0.65, -0.05, 0.6], -18),
-            }.items():
-                found |= {f"{name}_{side}": chart for side, chart in sides.items()}
+        for name, block in self.BLOCKS.items() if self.blocks else ():
+            found |= {f"{name}_{side}": chart for side, chart in box(*block).items()}
         return found
+
+    def solids(self) -> tuple[Solid, ...]:
+        """Six walls behind their charts, and the blocks."""
+        walls = [
+            slab(chart, self.THICKNESS, self.reflectance(name))
+            for name, chart in hall([-1, -2, 0], [1, 1, 2]).items()
+        ]
+        blocks = [turned(*block, self.albedo) for block in self.BLOCKS.values()] if self.blocks else []
+        return (*walls, *blocks)
+
+    def view(self, size: int = 128) -> View:
+        t = self.THICKNESS
+        bounds = [-1 - t, -2 - t, -t], [1 + t, 1 + t, 2 + t]
+        return dataclasses.replace(super().view(size), solids=self.solids(), bounds=bounds)
 
     def reflectance(self, name: str) -> float | list[float]:
         less = self.albedo * (1 - self.saturation)

@@ -30,7 +30,7 @@ def image(technique, scene, view=None, size=SIZE, **knobs):
 @pytest.mark.parametrize("pair", PAIRS, ids=on_scene)
 def test_image_is_finite_and_not_negative_with_every_default(pair):
     technique, scene = pair
-    assert not metrics.flaws(image(technique, scene()))
+    assert not metrics.flaws(image(technique, scene()), signed=technique.estimates.kind == "length")
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids=on_scene)
@@ -79,7 +79,7 @@ def test_declaration_is_whole(technique):
     assert technique.baseline or technique.domain_function is not None
     assert all(technique.estimates in s.quantities for s in technique.on)
     assert all(q in QUANTITIES.values() for q in technique.also)
-    unit = "W m^-2" if technique.estimates.kind == "radiance" else "0 to 1"
+    unit = {"radiance": "W m^-2", "ratio": "0 to 1", "length": "(m)"}[technique.estimates.kind]
     assert unit in technique.function.__doc__
 
 
