@@ -117,6 +117,12 @@ def render(
     return maps
 
 
+def turned(v: mi.Vector2f, turn: mi.Float) -> mi.Vector2f:
+    """R(turn) v."""
+    found = mi.Complex2f(v.x, v.y) * mi.Complex2f(dr.cos(turn), dr.sin(turn))
+    return mi.Vector2f(found.real, found.imag)
+
+
 def filtered(
     maps: ShadowMaps,
     p: mi.Point3f,
@@ -138,12 +144,10 @@ def filtered(
     zero = mi.UInt32(0)
     frustum = maps.at(zero)
     ab, z = frustum.project(p)
-    c, s = width * dr.cos(turn), width * dr.sin(turn)
     taps = dr.width(offsets)
 
     def tap(i, lit):
-        o = dr.gather(mi.Vector2f, offsets, i)
-        at = ab + mi.Vector2f(c * o.x - s * o.y, s * o.x + c * o.y)
+        at = ab + width * turned(dr.gather(mi.Vector2f, offsets, i), turn)
         least = (frustum.plane(p, n, at) if plane else z) - bias
         if bilinear:
             seen = sum(dr.select(stored >= least, w, 0) for stored, w in frustum.fetch_four(at, zero))

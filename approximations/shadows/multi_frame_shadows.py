@@ -28,7 +28,6 @@ In print, and what was done here:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import drjit as dr
@@ -69,7 +68,7 @@ def multi_frame_visibility(
     points: mi.Vector2f,
     *,
     visibility: Literal["map", "exact"] = "map",
-    map_size: Annotated[int, Sweep(64, 128, 512, low=8, high=2048)] = 128,
+    map_size: Annotated[int, Sweep(64, 128, 256, low=8, high=2048)] = 128,
     bias: Annotated[float, Sweep(0.02, 0.1, 0.3, low=0, high=5)] = 0.1,
     accumulator: Format = "float32",
 ) -> mi.Float:
@@ -102,7 +101,7 @@ def multi_frame_shadows(
     *,
     visibility: Literal["map", "exact"] = "map",
     weight: Literal["area", "omni", "centre"] = "area",
-    map_size: Annotated[int, Sweep(64, 128, 512, low=8, high=2048)] = 128,
+    map_size: Annotated[int, Sweep(64, 128, 256, low=8, high=2048)] = 128,
     bias: Annotated[float, Sweep(0.02, 0.1, 0.3, low=0, high=5)] = 0.1,
     accumulator: Format = "float32",
 ) -> mi.Color3f:
@@ -153,7 +152,8 @@ def bake(
         points = rng.uniform(-1, 1, (4 * planned + 64, 2))
         points = points[(np.linalg.norm(points, axis=1) < 1) | (shape == "square")][:planned]
     else:
-        points = rng.permutation(best_candidates(planned, shape, seed=1))
+        points = best_candidates(planned, shape, seed=1)
+        rng.shuffle(points[1:])
     if order == "centre_out":
         points = points[np.linalg.norm(points, axis=1).argsort()]
     return mi.Vector2f(points[:frames].T.astype(np.float32))

@@ -37,7 +37,7 @@ from approximations.contract import (
 )
 from approximations.kit.point_sets import best_candidates
 from approximations.kit.sampling import random_turn
-from approximations.kit.shadow_map import ShadowMaps, bounds, filtered, render
+from approximations.kit.shadow_map import ShadowMaps, bounds, filtered, render, turned
 from scenes.contract import LIGHT_VISIBILITY, View
 from scenes.shadow_casters import HalfPlane, PoleAndBars
 
@@ -71,7 +71,7 @@ def percentage_closer_soft_shadows(
     blockers: Literal["map", "exact"] = "map",
     search: Annotated[float, Sweep(0.25, 0.5, 0.8, low=0.01, high=0.99)] = 0.5,
     map_size: Annotated[int, Sweep(256, 1024, low=16, high=4096)] = 1024,
-    bias: Annotated[float, Sweep(0.02, 0.05, 0.2, low=0, high=5)] = 0.05,
+    bias: Annotated[float, Sweep(0.05, 0.2, low=0, high=5)] = 0.05,
     receiver: Literal["constant", "plane"] = "plane",
 ) -> mi.Float:
     """Share of the light that is seen, 0 to 1, one number per pixel.
@@ -103,8 +103,8 @@ def bake(
     view: View,
     *,
     kernel: Literal["disk", "exact"] = "disk",
-    blocker_taps: Annotated[int, Sweep(4, 16, 64, low=1, high=256)] = 16,
-    filter_taps: Annotated[int, Sweep(8, 32, 128, low=1, high=1024)] = 32,
+    blocker_taps: Annotated[int, Sweep(4, 16, low=1, high=256)] = 16,
+    filter_taps: Annotated[int, Sweep(8, 32, low=1, high=1024)] = 32,
 ) -> LightPoints:
     """Taps within a "disk" of the light's area that turns from pixel to pixel, or within the "exact" shape of
     the light, which stands still."""
@@ -129,11 +129,9 @@ def map_blockers(
     frustum = maps.at(zero)
     ab, z_r = frustum.project(p)
     width = (1 / search - 1) / z_r
-    c, s = width * dr.cos(points.turn), width * dr.sin(points.turn)
 
     def tap(i, count, total):
-        l = dr.gather(mi.Vector2f, points.search, i)
-        at = ab + mi.Vector2f(c * l.x - s * l.y, s * l.x + c * l.y)
+        at = ab + width * turned(dr.gather(mi.Vector2f, points.search, i), points.turn)
         stored = frustum.fetch(at, zero)
         nearer = stored < (frustum.plane(p, n, at) if plane else z_r) - bias
         return i + 1, count + dr.select(nearer, mi.Float(1), 0), total + dr.select(nearer, stored, 0)

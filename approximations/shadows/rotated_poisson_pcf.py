@@ -100,10 +100,10 @@ def rotated_poisson_pcf(
     *,
     map_size: Annotated[int, Sweep(256, 1024, low=16, high=4096)] = 1024,
     depth_bits: Literal["16", "24", "exact"] = "16",
-    near: Annotated[float, Sweep(0.01, 0.1, 1.0, low=0.001, high=3)] = 0.1,
+    near: Annotated[float, Sweep(0.01, 0.1, low=0.001, high=3)] = 0.1,
     rotation: Literal["screen", "none"] = "screen",
-    radius: Annotated[float, Sweep(0.0, 0.003, 0.01, 0.03, low=0, high=0.5)] = 0.01,
-    bias: Annotated[float, Sweep(0.05, 0.1, 0.2, 0.5, low=0, high=5)] = 0.2,
+    radius: Annotated[float, Sweep(0.003, 0.01, 0.03, low=0, high=0.5)] = 0.01,
+    bias: Annotated[float, Sweep(0.05, 0.2, 0.5, low=0, high=5)] = 0.2,
     receiver: Literal["constant", "plane"] = "constant",
     compare: Literal["nearest", "bilinear"] = "nearest",
 ) -> mi.Float:
@@ -145,9 +145,9 @@ def bake(
     view: View,
     *,
     kernel: Literal["poisson", "grid", "exact"] = "poisson",
-    taps: Annotated[int, Sweep(4, 8, 16, 64, low=1, high=256)] = 8,
+    taps: Annotated[int, Sweep(8, 64, low=1, high=256)] = 8,
 ) -> Kernel:
-    """Offsets: a Poisson disk, a lattice of the same spread, or "exact": MANY even taps for the whole disk."""
+    """Offsets: a Poisson disk, a lattice of the same spread, or "exact": MANY taps for all of the disk."""
     if kernel == "exact":
         offsets = spiral(MANY)
     elif kernel == "grid":
