@@ -124,7 +124,8 @@ def rotated_poisson_pcf(
         view.trace, light.centre, light.u, *bounds(surface), size=map_size, bits=BITS[depth_bits], near=near
     )
     i = dr.arange(mi.UInt32, view.width * view.height)
-    turn = dr.gather(mi.Float, table.turns, i // view.width % TILE * TILE + i % view.width % TILE)
+    row, column = i // view.width % TILE, i % view.width % TILE
+    turn = dr.gather(mi.Float, table.turns, dr.fma(row, TILE, column))
     lit = filtered(
         maps,
         p,
