@@ -13,12 +13,13 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
+Shape = Literal["square", "disk", "ball"]
 CANDIDATES = 64
 SHARE = {"square": 1.0, "disk": 0.7, "ball": 0.4}
 """Of points that lie in the shape, a little less than they are."""
 
 
-def best_candidates(n: int, shape: Literal["square", "disk", "ball"], seed: int) -> np.ndarray:
+def best_candidates(n: int, shape: Shape, seed: int) -> np.ndarray:
     """(n, 2 or 3) points of [-1, 1]^2, of the unit disk or of the unit ball, float64."""
     rng, dimensions = np.random.default_rng(seed), 3 if shape == "ball" else 2
     points = np.full((int(np.ceil((n + 8) / SHARE[shape])), dimensions), 0.5)
@@ -26,10 +27,17 @@ def best_candidates(n: int, shape: Literal["square", "disk", "ball"], seed: int)
         candidates = rng.random((CANDIDATES, dimensions))
         distance, _ = cKDTree(points[:k], boxsize=1).query(candidates)
         points[k] = candidates[distance.argmax()]
+    return _shaped(points, shape)[:n]
+
+
+def random_points(n: int, shape: Shape, seed: int) -> np.ndarray:
+    """As many independent points of the same shapes."""
+    return _shaped(np.random.default_rng(seed).random((8 * n, 3 if shape == "ball" else 2)), shape)[:n]
+
+
+def _shaped(points: np.ndarray, shape: Shape) -> np.ndarray:
     points = 2 * points - 1
-    if shape != "square":
-        points = points[np.linalg.norm(points, axis=1) < 1]
-    return points[:n]
+    return points if shape == "square" else points[np.linalg.norm(points, axis=1) < 1]
 
 
 def spiral(n: int) -> np.ndarray:

@@ -46,7 +46,7 @@ from approximations.contract import (
     exact_when,
     technique,
 )
-from approximations.kit.point_sets import best_candidates
+from approximations.kit.point_sets import best_candidates, random_points
 from approximations.kit.running_mean import Format, updated
 from approximations.kit.shadow_map import bounds, render
 from scenes.contract import DIRECT_RADIANCE, LIGHT_VISIBILITY, AreaLight, Scene, View
@@ -75,8 +75,8 @@ def multi_frame_visibility(
     """Share of the light that is seen, 0 to 1, one number per pixel. Knobs as in `multi_frame_shadows`."""
     surface = view.surface
 
-    def frame(y: mi.Point3f, seen: mi.Bool) -> mi.Float:
-        return dr.select(seen & (dr.dot(surface.normal, y - surface.position) > 0), mi.Float(1), 0)
+    def frame(d: mi.Vector3f, seen: mi.Bool) -> mi.Float:
+        return dr.select(seen & (dr.dot(surface.normal, d) > 0), mi.Float(1), 0)
 
     found = accumulated(view, points, frame, mi.Float, visibility, map_size, bias, accumulator)
     return dr.select(surface.valid, found, 1)
@@ -117,8 +117,9 @@ def multi_frame_shadows(
     glow = dr.normalize(dr.cross(light.u, light.v))
     power = light.radiance * area(light)
 
-    def frame(y: mi.Point3f, seen: mi.Bool) -> mi.Color3f:
-        d = (light.centre if weight == "centre" else y) - surface.position
+    def frame(d: mi.Vector3f, seen: mi.Bool) -> mi.Color3f:
+        if weight == "centre":
+            d = light.centre - surface.position
         w = dr.normalize(d)
         at_x, at_y = dr.maximum(dr.dot(surface.normal, w), 0), dr.maximum(dr.dot(glow, -w), 0)
         light_cosine = mi.Float(1) if weight == "omni" else at_y
@@ -146,14 +147,10 @@ def bake(
     kernel    a set that keeps apart, the middle first, or independent points.
     order     of the points after the middle: at "random", or by distance from it.
     """
-    rng, planned = np.random.default_rng(7), int(np.ceil(frames / finished))
+    planned = int(np.ceil(frames / finished))
     shape = "square" if view.lights[0].shape == "rectangle" else "disk"
-    if kernel == "random":
-        points = rng.uniform(-1, 1, (4 * planned + 64, 2))
-        points = points[(np.linalg.norm(points, axis=1) < 1) | (shape == "square")][:planned]
-    else:
-        points = best_candidates(planned, shape, seed=1)
-        rng.shuffle(points[1:])
+    points = (random_points if kernel == "random" else best_candidates)(planned, shape, seed=1)
+    np.random.default_rng(7).shuffle(points[1:])
     if order == "centre_out":
         points = points[np.linalg.norm(points, axis=1).argsort()]
     return mi.Vector2f(points[:frames].T.astype(np.float32))
@@ -185,24 +182,22 @@ def accumulated(
     bias: float,
     accumulator: Format,
 ) -> mi.Float | mi.Color3f:
-    """The running mean of frame(y_k, seen from y_k) over all points (3.2.2)."""
+    """The running mean of frame(y_k - x, whether x sees y_k) over all points (3.2.2)."""
     light, p = view.lights[0], view.surface.position
     eyes = mi.Point3f(light.centre + points.x * light.u + points.y * light.v)
     if visibility == "map":
         maps = render(view.trace, eyes, light.u, *bounds(view.surface), size=map_size)
 
-    def seen(k: mi.UInt32, y: mi.Point3f) -> mi.Bool:
+    def seen(k: mi.UInt32, d: mi.Vector3f) -> mi.Bool:
         if visibility == "exact":
-            start = p + 1e-4 * view.surface.normal
-            d = y - start
-            return view.trace(start, dr.normalize(d)) > dr.norm(d) * 0.9999
+            return view.trace(p + 1e-4 * view.surface.normal, dr.normalize(d)) > dr.norm(d) * 0.999
         frustum = maps.at(k)
         ab, z = frustum.project(p)
         return frustum.fetch(ab, k) >= z - bias
 
     def turn(k: mi.UInt32, mean: mi.Color3f) -> tuple:
-        y = dr.gather(mi.Point3f, eyes, k)
-        return k + 1, updated(mean, frame(y, seen(k, y)), mi.Float(k + 1), accumulator)
+        d = dr.gather(mi.Point3f, eyes, k) - p
+        return k + 1, updated(mean, frame(d, seen(k, d)), mi.Float(k + 1), accumulator)
 
     dr.eval(eyes)
     start = (mi.UInt32(0), dr.zeros(kind, dr.width(p)))
