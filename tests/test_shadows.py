@@ -7,11 +7,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from approximations.kit.point_sets import best_candidates, lattice, spiral
+from approximations.kit.point_sets import best_candidates, lattice, random_points, spiral
 from approximations.kit.running_mean import updated
 from approximations.kit.shadow_map import bounds, render
 from approximations.shadows import multi_frame_shadows, percentage_closer_soft_shadows, rotated_poisson_pcf
 from reference.closed_form import half_plane
+from reference.closed_form.caps import half_plane_share
 from scenes.contract import Axis
 from scenes.shadow_casters import HalfPlane, PoleAndBars
 
@@ -178,16 +179,23 @@ def test_more_frames_do_not_average_the_bias_of_the_map_away():
 
 
 def test_even_points_converge_faster_than_random_ones():
-    scene = HalfPlane(light_size=2.0)
-    truth = half_plane.visibility(scene, SIZE)[..., 0]
+    """Error of the share beyond straight edges: random points -0.5 on a log-log line, even ones steeper."""
+    edges = np.linspace(-0.9, 0.9, 19)
+    turns = np.linspace(0, np.pi, 7)
 
-    def error(n, kernel):
-        return rms(frames(scene, frames=n, kernel=kernel, visibility="exact") - truth)
+    def error(make, n):
+        found = []
+        for seed in range(12):
+            points = make(n, "disk", seed)
+            across = points @ np.stack([np.cos(turns), np.sin(turns)])
+            share = (across[..., None] > edges).mean(axis=0)
+            found.append(share - half_plane_share(0.5 - 0.5 * edges))
+        return rms(np.array(found))
 
-    even, random = ([error(n, k) for n in (16, 256)] for k in ("poisson", "random"))
-    slope = np.log(even[1] / even[0]) / np.log(16)
-    assert slope < -0.55
-    assert even[1] < random[1]
+    slope = {m: np.log(error(m, 256) / error(m, 16)) / np.log(16) for m in (best_candidates, random_points)}
+    assert slope[random_points] == pytest.approx(-0.5, abs=0.06)
+    assert slope[best_candidates] < -0.6
+    assert error(best_candidates, 64) < 0.6 * error(random_points, 64)
 
 
 def test_lights_taken_from_the_middle_outwards_and_stopped_early_are_smaller():
