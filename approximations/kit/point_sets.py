@@ -1,0 +1,54 @@
+"""Sets of sample points that keep apart, made ahead of time in NumPy.
+
+Mitchell's best candidates: of many random points the one farthest from all that were taken is taken next, so
+that every prefix of the set is spread over the shape too. Distances run across opposite sides of the square
+or cube, which keeps its edges from being crowded; what lies outside a disk or ball is left out. The first
+point is the middle.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+Shape = Literal["square", "disk", "ball"]
+CANDIDATES = 64
+SHARE = {"square": 1.0, "disk": 0.7, "ball": 0.4}
+"""Of points that lie in the shape, a little less than they are."""
+
+
+def best_candidates(n: int, shape: Shape, seed: int) -> np.ndarray:
+    """(n, 2 or 3) points of [-1, 1]^2, of the unit disk or of the unit ball, float64."""
+    rng, dimensions = np.random.default_rng(seed), 3 if shape == "ball" else 2
+    points = np.full((int(np.ceil((n + 8) / SHARE[shape])), dimensions), 0.5)
+    for k in range(1, len(points)):
+        candidates = rng.random((CANDIDATES, dimensions))
+        distance, _ = cKDTree(points[:k], boxsize=1).query(candidates)
+        points[k] = candidates[distance.argmax()]
+    return _shaped(points, shape)[:n]
+
+
+def random_points(n: int, shape: Shape, seed: int) -> np.ndarray:
+    """As many independent points of the same shapes."""
+    return _shaped(np.random.default_rng(seed).random((8 * n, 3 if shape == "ball" else 2)), shape)[:n]
+
+
+def _shaped(points: np.ndarray, shape: Shape) -> np.ndarray:
+    points = 2 * points - 1
+    return points if shape == "square" else points[np.linalg.norm(points, axis=1) < 1]
+
+
+def spiral(n: int) -> np.ndarray:
+    """(n, 2) even points of the unit disk, for averages that stand for the whole disk."""
+    i = np.arange(n)
+    radius, turn = np.sqrt((i + 0.5) / n), np.pi * (3 - np.sqrt(5)) * i
+    return radius[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def lattice(n: int) -> np.ndarray:
+    """(m^2, 2) centres of the cells of [-1, 1]^2 cut in m x m, m the whole root of n."""
+    m = int(np.sqrt(n))
+    i = (2 * np.arange(m) + 1) / m - 1
+    return np.stack(np.meshgrid(i, i), axis=-1).reshape(-1, 2)
