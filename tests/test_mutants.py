@@ -20,6 +20,7 @@ from compare.gate import load_thresholds
 
 ALIKE = {
     "height_fog.py: i + offset": "turns the even offsets of a stratified sum into the same ones backwards",
+    "split_sum.py: nv * nh + np.sqrt((1 - nv**2) * (1 - nh**2)) * np.cos(phi)": "half a turn about n",
     "sampling.py: mi.Float(i) * GOLDEN_ANGLE + turn": "a random turn to the left is one to the right",
 }
 """Mutants that no image can tell from the original, and why."""
