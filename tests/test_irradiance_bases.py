@@ -18,7 +18,8 @@ from approximations.ambient.phong_rim import phong_rim
 from approximations.ambient.prefiltered_environment import bake as filter_probe
 from approximations.ambient.prefiltered_environment import filtered, prefiltered_environment
 from approximations.ambient.sh_irradiance import bake as harmonics_bake
-from approximations.ambient.split_sum import reflected
+from approximations.ambient.sh_irradiance import sh_irradiance
+from approximations.ambient.split_sum import reflected, split_sum
 from approximations.ambient.two_lights_folded import two_lights_folded
 from approximations.kit import cube_map
 from approximations.kit.spherical_harmonics import COSINE, evaluate, irradiance
@@ -390,3 +391,18 @@ def test_a_mirror_shows_the_environment():
     r = d - 2 * (n @ d)[:, None] * n
     found = values(prefiltered_environment(view, filter_probe(view, samples=32)))
     np.testing.assert_allclose(found[met], ball.environment(scene, r)[met], rtol=5e-3)
+
+
+# Light that is baked
+
+
+@pytest.mark.parametrize(
+    ("technique", "scene"),
+    [(ambient_cube, EnvironmentBall), (sh_irradiance, EnvironmentBall), (lambert_ambient, BallInRoom)]
+    + [(prefiltered_environment, GlossyBall), (split_sum, GlossyBall)],
+    ids=lambda x: getattr(x, "name", x.__name__ if isinstance(x, type) else ""),
+)
+def test_twice_the_light_before_the_bake_is_twice_the_image(technique, scene):
+    view = scene().view(16)
+    once, twice = (values(technique(v, technique.bake_function(v))) for v in (view, view.brighter(2)))
+    np.testing.assert_allclose(twice, 2 * once, rtol=1e-5)
