@@ -24,6 +24,7 @@ In print, and what was done here:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 import drjit as dr
@@ -91,7 +92,9 @@ def bake(
     return cube_map(levels)
 
 
-def filtered(radiance, r: mi.Vector3f, a: float, lobe: str, samples: int) -> mi.Color3f:
+def filtered(
+    radiance: Callable[[mi.Vector3f], mi.Color3f], r: mi.Vector3f, a: float, lobe: str, samples: int
+) -> mi.Color3f:
     """Mean radiance about the directions r, weighted by a lobe of GGX width a seen along its axis."""
     frame = mi.Frame3f(r)
     total, weights, i = dr.zeros(mi.Color3f, dr.width(r)), dr.zeros(mi.Float, dr.width(r)), mi.UInt32(0)

@@ -21,6 +21,7 @@ import numpy as np
 from approximations.ambient import prefiltered_environment as prefiltered
 from approximations.contract import SHAPE_OF_LOBE, Sweep, exact_when, technique
 from approximations.kit.cube_map import CubeMap, lookup
+from approximations.kit.sampling import GOLDEN_ANGLE
 from scenes.contract import RADIANCE, View
 from scenes.environment_ball import GlossyBall
 
@@ -67,8 +68,7 @@ def bake(view: View, *, table: Annotated[int, Sweep(8, low=4, high=256)] = 32) -
 
 def reflected(nv: np.ndarray, roughness: np.ndarray, samples: int = 1024) -> tuple[np.ndarray, np.ndarray]:
     """A and B in float64, by half vectors drawn from D n.h on a spiral."""
-    i = np.arange(samples)
-    u, phi = (i + 0.5) / samples, np.pi * (3 - np.sqrt(5)) * i
+    u, phi = np.linspace(0, 1, samples, endpoint=False), GOLDEN_ANGLE * np.arange(samples)
     nv, a2 = nv[..., None], roughness[..., None] ** 4
     nh = np.sqrt((1 - u) / (1 - u * (1 - a2)))
     vh = nv * nh + np.sqrt((1 - nv**2) * (1 - nh**2)) * np.cos(phi)

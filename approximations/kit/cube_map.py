@@ -18,6 +18,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+WITHIN_HALF = 0.499999
+"""Half, but for what keeps the edge of a face in its last texel."""
+
 
 @dataclass
 class CubeMap:
@@ -93,8 +96,9 @@ def halved(values: Any) -> Any:
 def mip_chain(values: Any) -> list[Any]:
     """All levels by halving, down to one texel a face; n a power of two."""
     levels = [values]
-    while dr.width(levels[-1]) > 6:
-        levels.append(halved(levels[-1]))
+    while dr.width(values) != 6:
+        values = halved(values)
+        levels.append(values)
     return levels
 
 
@@ -129,5 +133,5 @@ def _bordered(n: int, values: Any) -> Any:
     u, v = ((2 * mi.Float(c % row) - 1) / n - 1 for c in (k, k // row))
     corner = dr.maximum(dr.minimum(dr.abs(u), dr.abs(v)), 1)
     face, u, v = face_coordinates(face_direction(k // (row * row), u / corner, v / corner))
-    i, j = (dr.minimum(mi.UInt32(0.5 * n * (1 + c)), n - 1) for c in (u, v))
+    i, j = (mi.UInt32(WITHIN_HALF * n * (1 + c)) for c in (u, v))
     return dr.gather(type(values), values, (face * n + j) * n + i)
