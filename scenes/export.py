@@ -14,8 +14,8 @@ from scenes.contract import BadInput
 
 
 def export(description: dict, folder: Path, name: str) -> Path:
-    """Write a scene dictionary as folder/name.xml, its grids as .vol, its images as .exr and its meshes as .ply; the
-    XML's path.
+    """Write a scene dictionary as folder/name.xml, with grids (.vol), images (.exr) and meshes (.ply) beside
+    it; the XML's path.
 
     Raises BadInput where the folder cannot be written.
     """

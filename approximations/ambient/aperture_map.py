@@ -35,7 +35,6 @@ from approximations.contract import (
     Sweep,
     technique,
 )
-from approximations.kit.visible_sky import visible_sky
 from scenes.contract import DIRECT_RADIANCE, RADIANCE, Scene, View
 from scenes.terrain import Canyon, Foliage, Terrain
 
@@ -100,12 +99,11 @@ def fetch_vertices(apertures: ApertureMap, uv: mi.Point2f) -> Apertures:
     far = inner.x > 1 - inner.y
     along = dr.select(far, 1 - inner, inner)
     shares = (1 - along.x - along.y, along.x, along.y)
-    corners = (far, far, ~far), (far, ~far, far)
-    step = lambda mask: dr.select(mask, mi.UInt32(1), 0)
+    corners = (far, far), (~far, far), (far, ~far)
     caps = dr.zeros(mi.Vector4f)
-    for share, right, up in zip(shares, *corners, strict=True):
-        index = (cell.y + step(up)) * columns + cell.x + step(right)
-        caps += share * dr.gather(mi.Vector4f, apertures.grid.array, index)
+    for share, (right, up) in zip(shares, corners, strict=True):
+        column, row = cell.x + dr.select(right, mi.UInt32(1), 0), cell.y + dr.select(up, mi.UInt32(1), 0)
+        caps += share * dr.gather(mi.Vector4f, apertures.grid.array, row * columns + column)
     return Apertures(dr.normalize(caps.xyz), caps.w)
 
 

@@ -21,7 +21,7 @@ class VisibleSky:
 
 
 def visible_sky(view: View, p: mi.Point3f, n: mi.Vector3f, rays: int) -> VisibleSky:
-    """Cast `rays` even directions from every point p with unit normal n, turned at random from point to point."""
+    """Cast `rays` even directions from every point p of normal n, turned at random from point to point."""
     frame, turn = mi.Frame3f(n), random_turn(dr.width(p), seed=1)
     zero = dr.zeros(mi.Float, dr.width(p))
 
