@@ -77,7 +77,7 @@ class Apertures:
             knobs={"overlap": "exact", "cosine": "exact", "sky_cosine": "exact", "rays": 1024},
         ),
     ),
-    stress={"SphereOverPlane": ("light_elevation", "light_radius", "gap"), "Valley": ("slope",)},
+    stress={"SphereOverPlane": ("light_elevation", "light_radius", "gap"), "Valley": ("slope", "albedo")},
 )
 def ambient_aperture(
     view: View,

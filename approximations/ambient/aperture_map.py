@@ -27,7 +27,6 @@ from approximations.ambient.ambient_aperture import Apertures, ambient_aperture
 from approximations.contract import (
     COSINE_OVER_LIGHT,
     HORIZON_CLIPPING,
-    INTERREFLECTION,
     NUMBER_FORMAT,
     SHAPE_OF_VISIBILITY,
     SPATIAL_DETAIL,
@@ -35,7 +34,7 @@ from approximations.contract import (
     Sweep,
     technique,
 )
-from scenes.contract import DIRECT_RADIANCE, RADIANCE, Scene, View
+from scenes.contract import DIRECT_RADIANCE, Scene, View
 from scenes.terrain import Canyon, Foliage, Terrain
 
 SHADING = {
@@ -56,8 +55,7 @@ class ApertureMap:
 @technique(
     source="SIGGRAPH 2006 Course 26, ch. 8.3",
     covers=("ambient-aperture/01",),
-    estimates=RADIANCE,
-    also=(DIRECT_RADIANCE,),
+    estimates=DIRECT_RADIANCE,
     on=(Terrain, Canyon, Foliage),
     replaces="visibility times direct light of a round sun and a uniform sky",
     neglects=(
@@ -65,10 +63,9 @@ class ApertureMap:
         SHAPE_OF_VISIBILITY,
         SPATIAL_DETAIL,
         HORIZON_CLIPPING,
-        INTERREFLECTION,
         NUMBER_FORMAT,
     ),
-    stress={"Terrain": ("amplitude", "albedo"), "Canyon": ("width",), "Foliage": ("leaves",)},
+    stress={"Terrain": ("amplitude",), "Canyon": ("width",), "Foliage": ("leaves",)},
 )
 def aperture_map(
     view: View, apertures: ApertureMap, *, shading: Literal["published", "exact"] = "published"

@@ -28,7 +28,6 @@ import mitsuba as mi
 
 from approximations.contract import (
     ANGULAR_DETAIL,
-    INTERREFLECTION,
     OCCLUSION,
     SHAPE_OF_VISIBILITY,
     Domain,
@@ -37,7 +36,7 @@ from approximations.contract import (
 )
 from approximations.kit.spherical_harmonics import evaluate, irradiance, mirrored, project
 from approximations.kit.visible_sky import mean_over_visible, visible_sky
-from scenes.contract import DIRECT_RADIANCE, RADIANCE, Scene, View
+from scenes.contract import DIRECT_RADIANCE, Scene, View
 from scenes.wall_under_sky import WallUnderSky
 
 
@@ -54,12 +53,11 @@ class SkyLight:
 @technique(
     source="SIGGRAPH 2006 Course 26, ch. 2.2",
     covers=("sky-video/02",),
-    estimates=RADIANCE,
-    also=(DIRECT_RADIANCE,),
+    estimates=DIRECT_RADIANCE,
     on=(WallUnderSky,),
     replaces="visibility times light of the sky; the sun's light with its shadow",
-    neglects=(OCCLUSION, SHAPE_OF_VISIBILITY, ANGULAR_DETAIL, INTERREFLECTION),
-    stress={"WallUnderSky": ("gap", "sun_elevation", "albedo")},
+    neglects=(OCCLUSION, SHAPE_OF_VISIBILITY, ANGULAR_DETAIL),
+    stress={"WallUnderSky": ("gap", "sun_elevation")},
 )
 def bent_normal_sky(
     view: View,
