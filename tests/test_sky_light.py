@@ -128,7 +128,7 @@ def test_a_sun_left_in_the_film_is_clipped_and_empties_the_sky_across_from_it():
     assert shown["kept"].max() < 0.01 * view.sun.radiance
     assert (shown["kept"][sky] < 1e-3).mean() > 0.03
     assert (shown["removed"][sky] > 0).all()
-    assert error(shown["removed"], truth) < 0.02
+    assert error(shown["removed"], truth) < 0.05
 
 
 def test_a_codec_without_quantiser_or_colour_edges_is_the_identity(rng):

@@ -103,7 +103,7 @@ def bake(
     r_max: Annotated[float, Sweep(2.0, 16.0, low=1, high=64)] = 4.0,
     floor: Annotated[float, Sweep(low=0, high=1)] = 0.05,
     gamma: Annotated[float, Sweep(2.0, low=1, high=4)] = 1.0,
-    side: Annotated[int, Sweep(128, low=16, high=2048)] = 384,
+    side: Annotated[int, Sweep(100, low=16, high=2048)] = 384,
     stored: Literal["codec", "texels", "exact"] = "codec",
     bits: Annotated[int, Sweep(5, low=2, high=16)] = 8,
     quantiser: Annotated[int, Sweep(16, low=1, high=31)] = 4,
@@ -143,7 +143,7 @@ def texel_directions(side: int) -> mi.Vector3f:
 
 def rounded(q: np.ndarray, bits: int) -> np.ndarray:
     """To the nearest of 2^bits even levels from 0 to 1."""
-    levels = (1 << bits) - 1
+    levels = int("1" * bits, base=2)
     return np.round(np.clip(q, 0, 1) * levels) / levels
 
 
@@ -161,7 +161,7 @@ def decoded(image: np.ndarray, quantiser: int) -> np.ndarray:
 def transformed(plane: np.ndarray, quantiser: int) -> np.ndarray:
     """Cosine transform of blocks, its coefficients rounded to steps of 2 quantiser / 255, and back."""
     rows, columns = plane.shape
-    padded = np.pad(plane, [(0, n % BLOCK and BLOCK - n % BLOCK) for n in plane.shape], mode="edge")
+    padded = np.pad(plane, [(0, -n % BLOCK) for n in plane.shape], mode="edge")
     blocks = padded.reshape(padded.shape[0] // BLOCK, BLOCK, -1, BLOCK)
     step = 2 * quantiser / 255
     coded = step * np.round(dctn(blocks, axes=(1, 3), norm="ortho") / step)
