@@ -60,9 +60,11 @@ def user_store() -> Path:
 
 
 def fingerprint(value: Any) -> Any:
-    """Plain data that changes when the pixels would: floats to 6 digits, arrays as digests."""
+    """Plain data that changes when the pixels would: floats to 6 digits, arrays as digests. Files go by
+    their names, which hold digests of what is in them."""
     if isinstance(value, dict):
-        return {str(k): fingerprint(value[k]) for k in sorted(value, key=str)}
+        named = value | {"filename": Path(value["filename"]).name} if "filename" in value else value
+        return {str(k): fingerprint(named[k]) for k in sorted(named, key=str)}
     if isinstance(value, (list, tuple)):
         return [fingerprint(v) for v in value]
     if value is None or isinstance(value, (str, bool, int)):

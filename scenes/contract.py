@@ -287,7 +287,8 @@ class View:
     Offline tools for bakes: `visible(p, n, w)`, true where nothing opaque lies from a point p with normal n
     along w; `gather(p, w, seed)`, a noisy and unbiased sample of the radiance that arrives at p from w.
     `trace(o, d)` gives the distance to the first surface (infinite where there is none): it stands for the
-    rasteriser, one ray per texel of a shadow map or cube map, in frames too.
+    rasteriser, one ray per texel of a shadow map or cube map, in frames too. `chart(uv)` gives the position
+    and the unit normal at texture coordinates, for what is baked into a map that `surface.uv` reads.
     """
 
     width: int
@@ -309,6 +310,7 @@ class View:
     visible: Callable[[Any, Any, Any], Any] | None = None
     trace: Callable[[Any, Any], Any] | None = None
     gather: Callable[[Any, Any, int], Any] | None = None
+    chart: Callable[[Any], tuple[Any, Any]] | None = None
 
     def brighter(self, k: float) -> View:
         """The same view with every source of light k times as strong."""

@@ -1,7 +1,8 @@
-"""Scenes as files that Mitsuba itself reads: XML, with density grids and images beside it."""
+"""Scenes as files that Mitsuba itself reads: XML, with density grids, images and meshes beside it."""
 
 from __future__ import annotations
 
+import shutil
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from scenes.contract import BadInput
 
 
 def export(description: dict, folder: Path, name: str) -> Path:
-    """Write a scene dictionary as folder/name.xml, its grids as .vol and its images as .exr; the XML's path.
+    """Write a scene dictionary as folder/name.xml, with grids (.vol), images (.exr) and meshes (.ply) beside
+    it; the XML's path.
 
     Raises BadInput where the folder cannot be written.
     """
@@ -57,4 +59,8 @@ def _with_files(value: Any, folder: Path, name: str) -> Any:
         path = folder / f"{name}.exr"
         value["bitmap"].write(str(path))
         return {k: v for k, v in value.items() if k != "bitmap"} | {"filename": str(path)}
+    if value.get("type") == "ply":
+        path = folder / f"{name}.ply"
+        shutil.copyfile(value["filename"], path)
+        value = value | {"filename": str(path)}
     return {k: _with_files(v, folder, f"{name}-{k}") for k, v in value.items()}

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import os
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -128,6 +132,28 @@ def environment_light(radiance: Callable[[mi.Vector3f], mi.Color3f], rows: int) 
     image = np.array(values, np.float32).T.reshape(rows, 2 * rows, 3)
     upright = mi.ScalarTransform4f().rotate([1, 0, 0], 90)
     return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(image)), "to_world": upright}
+
+
+def mesh(positions: np.ndarray, faces: np.ndarray, uv: np.ndarray, normals: np.ndarray | None = None) -> dict:
+    """Triangles as a Mitsuba dictionary: (n, 3) vertices in m, (m, 3) indices, (n, 2) texture coordinates,
+    (n, 3) unit normals or the faces' own. The file lies with the temporary ones, named after its content."""
+    parts = [positions, uv] if normals is None else [positions, uv, normals]
+    content = np.round(np.hstack(parts) * 2**16).astype(np.int64).tobytes() + faces.tobytes()
+    path = Path(tempfile.gettempdir()) / f"lightproof-{hashlib.sha256(content).hexdigest()[:24]}.ply"
+    if not path.exists():
+        flags = {"has_vertex_normals": normals is not None, "has_vertex_texcoords": True}
+        made = mi.Mesh("mesh", len(positions), len(faces), **flags)
+        values = mi.traverse(made)
+        values["vertex_positions"] = np.ravel(positions).astype(np.float32)
+        values["faces"] = np.ravel(faces).astype(np.uint32)
+        values["vertex_texcoords"] = np.ravel(uv).astype(np.float32)
+        if normals is not None:
+            values["vertex_normals"] = np.ravel(normals).astype(np.float32)
+        values.update()
+        unfinished = path.with_suffix(f".{os.getpid()}")
+        made.write_ply(str(unfinished))
+        unfinished.replace(path)
+    return {"type": "ply", "filename": str(path), "face_normals": normals is None}
 
 
 def rgb(value: Any) -> dict:

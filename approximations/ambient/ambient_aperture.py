@@ -47,7 +47,7 @@ from approximations.kit.caps import (
     lens_irradiance,
     smoothstep_area,
 )
-from approximations.kit.sampling import hemisphere_direction, random_turn
+from approximations.kit.visible_sky import visible_sky
 from scenes.contract import DIRECT_RADIANCE, RADIANCE, Scene, View
 from scenes.sunlit import SphereOverPlane, Valley
 
@@ -77,7 +77,7 @@ class Apertures:
             knobs={"overlap": "exact", "cosine": "exact", "sky_cosine": "exact", "rays": 1024},
         ),
     ),
-    stress={"SphereOverPlane": ("light_elevation", "light_radius", "gap"), "Valley": ("slope",)},
+    stress={"SphereOverPlane": ("light_elevation", "light_radius", "gap"), "Valley": ("slope", "albedo")},
 )
 def ambient_aperture(
     view: View,
@@ -132,20 +132,10 @@ def ambient_aperture(
 @ambient_aperture.bake
 def bake(view: View, *, rays: Annotated[int, Sweep(16, 64, 256, 1024, low=4, high=65536)] = 256) -> Apertures:
     """Ray-cast visibility over the hemisphere of every point, `rays` even directions each (8.3)."""
-    p, n = view.surface.position, view.surface.normal
-    frame = mi.Frame3f(n)
-    turn = random_turn(view.width * view.height, seed=1)
-    count, total = dr.zeros(mi.Float, dr.width(turn)), dr.zeros(mi.Vector3f, dr.width(turn))
-    i = mi.UInt32(0)
-
-    def cast(i, count, total):
-        w = frame.to_world(hemisphere_direction(i, rays, turn))
-        seen = dr.select(view.visible(p, n, w), mi.Float(1), 0)
-        return i + 1, count + seen, total + seen * w
-
-    i, count, total = dr.while_loop((i, count, total), lambda i, c, t: i < rays, cast)
-    area = 2 * dr.pi * count / rays
-    axis = dr.select(count > 0, dr.normalize(total), n)
+    n = view.surface.normal
+    seen = visible_sky(view, view.surface.position, n, rays)
+    area = 2 * dr.pi * seen.share
+    axis = dr.select(seen.share > 0, dr.normalize(seen.direction), n)
     baked = Apertures(axis, dr.minimum(cap_radius(area), 0.5 * dr.pi))
     dr.eval(baked.axis, baked.radius)
     return baked

@@ -12,13 +12,14 @@ import mitsuba as mi
 from approximations.contract import INTERREFLECTION, LINEAR_IN_LIGHT, OCCLUSION, technique
 from scenes.contract import DIRECT_RADIANCE, RADIANCE, View
 from scenes.sunlit import SphereOverPlane, Valley
+from scenes.terrain import Canyon, Foliage, Terrain
 
 
 @technique(
     source="baseline of SIGGRAPH 2006 Course 26, ch. 8.4.4",
     estimates=RADIANCE,
     also=(DIRECT_RADIANCE,),
-    on=(SphereOverPlane, Valley),
+    on=(SphereOverPlane, Valley, Terrain, Canyon, Foliage),
     replaces="visibility times direct light of a round sun and a uniform sky",
     neglects=(OCCLUSION, INTERREFLECTION),
     claims=(LINEAR_IN_LIGHT,),

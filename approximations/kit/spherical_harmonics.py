@@ -39,6 +39,12 @@ def project(radiance: Callable[[mi.Vector3f], Any], bands: int, rows: int = 64) 
     s = dr.safe_sqrt(1 - z * z)
     w = mi.Vector3f(s * dr.cos(azimuth), s * dr.sin(azimuth), z)
     weighted = radiance(w) * dr.gather(mi.Float, weights, row) * (dr.pi / rows)
+    dr.eval(weighted)
     coefficients = [dr.sum(weighted * y, axis=-1) for y in dr.sh_eval(w, bands - 1)]
     dr.make_opaque(coefficients)
     return coefficients
+
+
+def mirrored(radiance: Callable[[mi.Vector3f], Any]) -> Callable[[mi.Vector3f], Any]:
+    """The sky above, repeated below the horizon."""
+    return lambda w: radiance(mi.Vector3f(w.x, w.y, dr.abs(w.z)))
