@@ -263,7 +263,9 @@ class View:
     Offline tools for bakes: `visible(p, n, w)`, true where nothing opaque lies from a point p with normal n
     along w; `gather(p, w, seed)`, a noisy and unbiased sample of the radiance that arrives at p from w.
     `trace(o, d)` gives the distance to the first surface (infinite where there is none): it stands for the
-    rasteriser, one ray per texel of a shadow map or cube map, in frames too.
+    rasteriser, one ray per texel of a shadow map or cube map, in frames too. `moving(o, d)` is the same for
+    what moves, where a scene tells it apart; `trace` then meets the rest. `transmittance(o, d)`: the share,
+    by colour, of the light from outside that comes in along a ray, for bakes.
     """
 
     width: int
@@ -278,9 +280,13 @@ class View:
     fog: Fog | None = None
     cloud: Cloud | None = None
     fragments: Fragments | None = None
+    bounds: tuple[Any, Any] | None = None  # lower and upper corner of what a volume has to cover, m
+    moving_bounds: tuple[Any, Any] | None = None  # of what moves
     visible: Callable[[Any, Any, Any], Any] | None = None
     trace: Callable[[Any, Any], Any] | None = None
     gather: Callable[[Any, Any, int], Any] | None = None
+    transmittance: Callable[[Any, Any], Any] | None = None
+    moving: Callable[[Any, Any], Any] | None = None
 
     def brighter(self, k: float) -> View:
         """The same view with every source of light k times as strong."""
