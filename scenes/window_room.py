@@ -39,10 +39,10 @@ class SunlitRoom(Scene):
     """
 
     sun_radius: Annotated[float, Axis(0.1, 10, log=True, unit="deg")] = 2.0
-    sun_elevation: Annotated[float, Axis(10, 80, unit="deg")] = 35.0
+    sun_elevation: Annotated[float, Axis(15, 80, unit="deg")] = 35.0
     sun_azimuth: Annotated[float, Axis(-60, 60, unit="deg")] = 20.0
-    window: Annotated[float, Axis(0.1, 2.4, unit="m")] = 1.4
-    wall_inset: Annotated[float, Axis(0, 1.8, unit="m")] = 0.15
+    window: Annotated[float, Axis(0.1, 2.4, unit="m")] = 1.8
+    wall_inset: Annotated[float, Axis(0, 1.8, unit="m")] = 0.06
     wall_thickness: Annotated[float, Axis(0, 0.6, unit="m")] = 0.0
     albedo: Annotated[float, Axis(0, 0.9)] = 0.5
     sun_irradiance: Annotated[float, Axis(0, 100, unit="W/m^2")] = math.pi
@@ -111,7 +111,7 @@ class SunlitRoom(Scene):
 
     def sensor(self, size: int) -> dict:
         """A camera at the right wall that looks across the room."""
-        return perspective([0.0, -2.9, 2.6], [0.0, 0.4, 0.2], 95, size)
+        return perspective([-0.4, -2.9, 2.7], [0.1, 0.2, 0.5], 84, size)
 
     def view(self, size: int = 128) -> View:
         return self.seen(size)
@@ -196,9 +196,7 @@ class StainedRoom(SunlitRoom):
         """y from and to, z from and to (m), and the tint of each."""
         a, b, c, d = self.opening()
         ys, zs = (a, 0.5 * (a + b), b), (c, 0.5 * (c + d), d)
-        return [
-            ((ys[i], ys[i + 1], zs[j], zs[j + 1]), self.TINTS[i][j]) for j in range(2) for i in range(2)
-        ]
+        return [((ys[i], ys[i + 1], zs[j], zs[j + 1]), self.TINTS[i][j]) for j in range(2) for i in range(2)]
 
     def mitsuba(self, size: int = 128) -> dict:
         glass = {}
@@ -241,6 +239,7 @@ class BallRoom(SunlitRoom):
     not."""
 
     wall_inset: Annotated[float, Axis(0, 0.5, unit="m")] = 0.0
+    sun_radius: Annotated[float, Axis(0.1, 10, log=True, unit="deg")] = 4.0
     aside: Annotated[float, Axis(0, 1.2, unit="m")] = 0.6
 
     RADIUS = 0.35  # m

@@ -138,7 +138,8 @@ def pillar_room(scene: PillarRoom, size: int) -> np.ndarray:
     turn = np.angle(np.exp(1j * (np.arctan2(to[..., 1], to[..., 0]) - middle[:, None])))
     ends = middle + turn.min(axis=1), middle + turn.max(axis=1)
     wedge = [
-        k * np.stack([-np.sin(end), np.cos(end), 0 * end], axis=1) for k, end in zip((1, -1), ends, strict=True)
+        k * np.stack([-np.sin(end), np.cos(end), 0 * end], axis=1)
+        for k, end in zip((1, -1), ends, strict=True)
     ]
     ahead = points.share([np.stack([np.cos(middle), np.sin(middle), 0 * middle], axis=1)]) > 0
     hidden = np.where(ahead, through(scene, points, scene.opening(), wedge), 0)
