@@ -289,6 +289,8 @@ class View:
     `trace(o, d)` gives the distance to the first surface (infinite where there is none): it stands for the
     rasteriser, one ray per texel of a shadow map or cube map, in frames too. `chart(uv)` gives the position
     and the unit normal at texture coordinates, for what is baked into a map that `surface.uv` reads.
+    `moving(o, d)` is `trace` for what moves, where a scene tells it apart; `trace` then meets the rest.
+    `transmittance(o, d)`: the share, by colour, of the light from outside that comes in along a ray, for bakes.
     """
 
     width: int
@@ -311,6 +313,9 @@ class View:
     trace: Callable[[Any, Any], Any] | None = None
     gather: Callable[[Any, Any, int], Any] | None = None
     chart: Callable[[Any], tuple[Any, Any]] | None = None
+    moving_bounds: tuple[Any, Any] | None = None  # of what moves
+    transmittance: Callable[[Any, Any], Any] | None = None
+    moving: Callable[[Any, Any], Any] | None = None
 
     def brighter(self, k: float) -> View:
         """The same view with every source of light k times as strong."""
