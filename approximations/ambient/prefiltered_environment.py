@@ -19,6 +19,7 @@ In print, and what was done here:
   level too rough. `level="mended"` takes (mips - 1) roughness.
 - The lobe is that of a modified cube map tool, whose filters are powers of a cosine; the BRDF is GGX. Here
   the power is the one that fits GGX's width a = roughness^2, e = (1 / a^2 - 1) / 2; `lobe` offers GGX itself.
+  A power has no tails, and a level too rough makes up for some of them: mended, the image is further off.
 - The maps are stored as RGBM, which is left out here.
 """
 

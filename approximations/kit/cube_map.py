@@ -90,7 +90,8 @@ def halved(values: Any) -> Any:
     n = round((dr.width(values) / 6) ** 0.5) // 2
     i = dr.arange(mi.UInt32, 6 * n * n)
     first = 2 * (i % n) + 4 * n * (i // n)
-    return 0.25 * sum(dr.gather(type(values), values, first + k) for k in (0, 1, 2 * n, 2 * n + 1))
+    rows = first, first + 2 * n
+    return 0.25 * sum(dr.gather(type(values), values, row + k) for row in rows for k in (0, 1))
 
 
 def mip_chain(values: Any) -> list[Any]:
