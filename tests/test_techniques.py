@@ -20,11 +20,14 @@ def on_scene(pair):
 
 
 def image(technique, scene, view=None, size=SIZE, **knobs):
-    """The technique at one sample a pixel, on its scene or on another view of it."""
+    """The technique at one sample a pixel, on its scene or on another view of it, baked for that view."""
     frame, bake = technique.split(technique.settings(knobs))
     probes = technique.estimates.probes
-    extra = baked(technique, scene, size, probes, bake)
-    return as_image(technique(view or make_view(scene, size, probes), *extra, **frame), size, technique.name)
+    if view is None:
+        view, extra = make_view(scene, size, probes), baked(technique, scene, size, probes, bake)
+    else:
+        extra = (technique.bake_function(view, **bake),) if technique.bake_function else ()
+    return as_image(technique(view, *extra, **frame), size, technique.name)
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids=on_scene)
