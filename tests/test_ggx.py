@@ -5,7 +5,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from approximations.area_lights.ggx_punctual import density, ggx_punctual, in_steps
 from approximations.kit import ggx
+from compare.measure import as_image
+from reference.closed_form.point_lit import lit_ball
+from reference.verify import routes_point_lit
+from scenes.point_lit import PointLitBall
 
 N = mi.Vector3f(0, 0, 1)
 
@@ -71,3 +76,78 @@ def test_masking_by_schlick_is_smiths_head_on_and_on_the_roughest_surface():
     assert ggx.schlick_masking(1.0, 0.1, 1.0) == pytest.approx(2 / 11)
     assert ggx.separable(1.0, 0.1, 1.0) == pytest.approx(2 / 11)
     assert ggx.schlick_masking(1.0, 0.1, 0.5) < ggx.separable(1.0, 0.1, 0.5)
+
+
+# The technique and the closed form
+
+
+def lit(scene, size=32, **knobs):
+    return as_image(ggx_punctual(scene.view(size), **knobs), size, "ggx")[..., 0]
+
+
+EXACT = {"stored": "exact", "distribution": "sine", "fresnel": "exact", "buffer": "exact"}
+
+
+@pytest.mark.parametrize(
+    "scene", [PointLitBall(lights=1), PointLitBall(roughness=0.8, f0=0.4, albedo=0.0, lights=1)], ids=repr
+)
+def test_closed_form_is_what_mitsuba_sees_through_pixel_centres(scene):
+    for c in routes_point_lit.compared_with_mitsuba((scene,), seed=1):
+        np.testing.assert_allclose(c.first.mean, c.second.mean, rtol=2e-4, atol=1e-7)
+
+
+def test_exact_stages_give_the_closed_form_and_the_printed_density_loses_it_in_half_precision():
+    scene = PointLitBall()
+    truth = lit_ball(scene, 32)[..., 0]
+
+    def error(**knobs):
+        return np.sqrt(np.mean((lit(scene, **EXACT | knobs) - truth) ** 2)) / truth.mean()
+
+    assert error() < 1e-5
+    assert error(precision="half") < 4e-3
+    assert error(precision="half", distribution="printed") > 0.02
+
+
+def test_density_overflows_float16_below_the_width_that_the_range_allows():
+    assert 1 / (np.pi * 0.0022**2) > 65504 > 1 / (np.pi * 0.0023**2)
+    up = dr.zeros(mi.Vector3f, 1) + N
+    for form, a, finite in (
+        ("sine", 0.0021, False),
+        ("sine", 0.0024, True),
+        ("printed", 0.012, False),
+        ("printed", 0.02, True),
+    ):
+        d = density(up, up, mi.Float(a), form, "half")
+        assert np.isfinite(np.array(d)).all() == finite, (form, a)
+
+
+def test_a_roughness_of_zero_is_nothing_over_nothing_as_printed():
+    one = density(N, N, mi.Float(0), "printed", "single")
+    assert np.isnan(np.array(one)).all()
+    assert np.isfinite(lit(PointLitBall(roughness=0.0))).all()
+
+
+def test_angular_error_of_normals_in_8_bits_is_the_measured_one():
+    rng = np.random.default_rng(1)
+    n = rng.normal(size=(3, 200_000))
+    n /= np.linalg.norm(n, axis=0)
+    kept = np.array(dr.normalize(2 * in_steps(0.5 * mi.Vector3f(n.astype(np.float32)) + 0.5, 255) - 1))
+    angle = np.degrees(2 * np.arcsin(0.5 * np.linalg.norm(kept - n, axis=0)))
+    assert angle.mean() == pytest.approx(0.17, abs=0.01)
+    assert angle.max() == pytest.approx(0.38, abs=0.03)
+
+
+def test_buffer_of_ten_bits_cuts_off_highlights_and_loses_faint_lights():
+    bright = PointLitBall(lights=1)
+    assert lit_ball(bright, 32).max() > 1.5
+    assert lit(bright).max() == 1
+    faint = PointLitBall(lights=65, intensity=0.5, f0=0.02, roughness=0.8)
+    assert lit(faint).max() == 0
+    assert lit(faint, buffer="exact").max() > 0.001
+
+
+def test_author_would_not_use_it_for_near_mirrors_nor_for_many_faint_lights():
+    domain = ggx_punctual.domain_function
+    assert domain(PointLitBall()).inside
+    assert not domain(PointLitBall(roughness=0.05)).inside
+    assert not domain(PointLitBall(lights=64)).inside

@@ -9,7 +9,8 @@ import pytest
 from approximations.area_lights.linearly_transformed_cosines import bake, linearly_transformed_cosines
 from approximations.kit import ltc_fit
 from compare.measure import as_image
-from scenes.area_lit import AreaLitPlane
+from reference.closed_form.area_lights import diffuse_floor
+from scenes.area_lit import AreaLitPlane, DiffuseAreaLitPlane
 
 KEPT = np.load(ltc_fit.TABLE)
 SIDE = ltc_fit.SIDE
@@ -30,7 +31,7 @@ def matrix(i, j):
     return np.linalg.inv(np.array([[a, 0, b], [0, 1, 0], [c, 0, d]]))
 
 
-@pytest.mark.parametrize(("i", "j"), [(31, 0), (31, 31), (20, 5), (20, 25), (10, 15), (25, 30)])
+@pytest.mark.parametrize(("i", "j"), [(63, 0), (63, 63), (40, 10), (40, 50), (20, 30), (50, 60)])
 def test_a_transformed_cosine_integrates_to_one_over_the_sphere(i, j):
     z, phi = np.meshgrid((np.arange(600) + 0.5) / 300 - 1, (np.arange(800) + 0.5) * np.pi / 400)
     s = np.sqrt(1 - z * z)
@@ -39,7 +40,7 @@ def test_a_transformed_cosine_integrates_to_one_over_the_sphere(i, j):
 
 
 def test_the_table_is_what_the_fit_finds_and_the_lobe_leans_away_from_the_eye():
-    i, j = 16, 20
+    i, j = 32, 40
     alpha, v = (i / (SIDE - 1)) ** 2, view_of(j)
     m, albedo, _ = ltc_fit.fit_cell(v, alpha, np.array([np.log(alpha)] * 2 + [0.0]))
     k = np.linalg.inv(m)
@@ -57,7 +58,7 @@ def test_albedo_head_on_is_the_furnace_of_single_scattering(roughness, albedo):
     assert a[i] + (row - i) * (a[min(i + 1, SIDE - 1)] - a[i]) == pytest.approx(albedo, abs=0.005)
 
 
-@pytest.mark.parametrize(("i", "j"), [(6, 10), (18, 8), (18, 22), (31, 20)])
+@pytest.mark.parametrize(("i", "j"), [(12, 20), (36, 16), (36, 44), (63, 40)])
 def test_a_white_furnace_gives_the_albedo_less_what_the_lobe_has_below_the_surface(i, j):
     cos = view_of(j)[2]
     furnace = AreaLitPlane(
@@ -104,3 +105,18 @@ def test_light_below_the_surface_leaks_unless_it_is_cut_twice():
     errors = [np.abs(image(scene, 32, horizon=h) - exact).mean() for h in ("both", "clipped")]
     assert errors[0] < 0.8 * errors[1]
     assert image(scene, 32).mean() > 1.05 * image(scene, 32, horizon="both").mean()
+
+
+def test_author_would_not_use_it_for_tubes_and_mirrors():
+    domain = linearly_transformed_cosines.domain_function
+    assert domain(AreaLitPlane()).inside and domain(DiffuseAreaLitPlane(shape="disk")).inside
+    assert not domain(AreaLitPlane(shape="tube")).inside
+    assert not domain(AreaLitPlane(roughness=0.0)).inside
+
+
+@pytest.mark.parametrize("shape", ["disk", "rectangle", "sphere"])
+@pytest.mark.parametrize("height", [0.2, 1.5])
+def test_diffuse_light_is_lamberts_contour_integral(shape, height):
+    scene = DiffuseAreaLitPlane(shape=shape, height=height, tilt=70.0)
+    truth = diffuse_floor(scene, 24)[..., 0]
+    assert np.abs(image(scene, 24, edges=48) - truth).mean() < 2e-3 * truth.mean()

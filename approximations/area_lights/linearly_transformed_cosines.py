@@ -24,6 +24,8 @@ Ambiguous or left out:
   12 % (`horizon` "both" cuts the polygon at the surface, too).
 - The lookup at the foot of the perpendicular misses the middle of the polygon seen aslant; later accounts
   look along F (`lookup` "along F").
+- One deviation serves both sides of the picture, though M^-1 squeezes it along one: where a lobe that is long
+  in the plane of incidence leaves streaks, this gives spots.
 - The table holds no Fresnel term: `specular` scales the lobe as a whole, as it does in the truth.
 """
 
@@ -53,7 +55,7 @@ from scenes.area_lit import AreaLitPlane, PictureLitPlane, RoundLitPlane
 from scenes.contract import DIRECT_RADIANCE, AreaLight, Scene, View
 
 TEXELS = 64  # to a side of a blurred picture
-LEVELS = 7  # of the picture: deviations 1/64, 1/32 ... 1/2 of a side, and the mean
+BLURS = (1, 2, 4, 8, 16, 32, np.inf)  # texels of deviation of a picture's levels, the last one its mean
 SMOOTHEST = 1e-3  # alpha of the exact highlight of a mirror
 
 
@@ -128,7 +130,7 @@ def linearly_transformed_cosines(
 
 @linearly_transformed_cosines.bake
 def bake(view: View) -> Tables:
-    """The fitted table, and each light's picture in LEVELS blurs."""
+    """The fitted table, and each light's picture in BLURS."""
     kept = np.load(TABLE)
     lobe = np.concatenate([kept["inverse"], kept["albedo"][..., None]], axis=2)
     return Tables(
@@ -179,7 +181,7 @@ def polygon(
     size = dr.norm(f)
     share = (dr.square(size) + f.z) / (size + 1) if horizon == "sphere" else f.z
     colour = shine(flat, frame, inverse, f, picture, lookup) if picture else mi.Color3f(1)
-    return dr.maximum(share, 0) * colour
+    return dr.select(share > 0, share * colour, 0)
 
 
 def arc(a: mi.Vector3f, b: mi.Vector3f) -> mi.Vector3f:
@@ -222,7 +224,7 @@ def shine(
     st = 0.5 + 0.5 * mi.Point2f(s, t) / dr.squared_norm(m)
     deviation = dr.norm(foot) * dr.rsqrt(8 * dr.norm(m))
     level = dr.log2(dr.maximum(TEXELS * deviation, 1))
-    return mi.Color3f(picture.eval(mi.Point3f(st.x, st.y, (level + 0.5) / LEVELS)))
+    return mi.Color3f(picture.eval(mi.Point3f(st.x, st.y, (level + 0.5) / len(BLURS))))
 
 
 def exact_lobe(
@@ -239,15 +241,14 @@ def exact_lobe(
 
 
 def blurred(light: AreaLight) -> mi.Texture3f:
-    """The picture blurred by Gaussians of 1, 2, 4 ... texels, and as its mean, normalised on the light."""
-    s = (np.arange(TEXELS) + 0.5) / TEXELS
+    """The picture blurred by Gaussians, normalised on the light."""
+    s = np.linspace(0, 1, 2 * TEXELS + 1)[1::2]
     grid = np.stack(np.meshgrid(s, s), axis=0).reshape(2, -1).astype(np.float32)
     texels = np.array(light.texture(mi.Point2f(grid))).T.reshape(TEXELS, TEXELS, 3)
     levels = []
-    for k in range(LEVELS):
-        texels_wide = 2.0**k if k < LEVELS - 1 else np.inf
-        kernel = np.exp(-0.5 * (TEXELS * (s[:, None] - s) / texels_wide) ** 2)
+    for wide in BLURS:
+        kernel = np.exp(-0.5 * (TEXELS * (s[:, None] - s) / wide) ** 2)
         kernel /= kernel.sum(axis=1, keepdims=True)
         levels.append(np.einsum("ij,kl,jlc->ikc", kernel, kernel, texels, optimize=True))
     stack = np.ascontiguousarray(np.stack(levels), np.float32)
-    return mi.Texture3f(mi.TensorXf(stack), wrap_mode=dr.WrapMode.Clamp)
+    return mi.Texture3f(mi.TensorXf(stack), use_accel=False, wrap_mode=dr.WrapMode.Clamp)
