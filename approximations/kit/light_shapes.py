@@ -60,7 +60,7 @@ class FlatLight:
         """From the receiver to a point of the plane."""
         return self.towards + q.x * self.x + q.y * self.y
 
-    def where(self, w: mi.Vector3f, least: float = 0.01) -> mi.Point2f:
+    def where(self, w: mi.Vector3f, least: float = 0.01) -> tuple[mi.Point2f, mi.Float]:
         """Where a unit direction from the receiver meets the plane, and at what distance (m).
 
         A direction whose cosine with m is under `least` goes as far as if it were `least`.

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 TABLE = Path(__file__).with_name("ltc_ggx.npz")
-SIDE = 32  # cells: roughness by sqrt(1 - cos) of the view's angle from the normal, ends included
+SIDE = 64  # cells: roughness by sqrt(1 - cos) of the view's angle from the normal, ends included
 SMOOTHEST = 1e-4  # alpha
 SAMPLES = 24  # to a side of the square that each lobe's samples come from
 
