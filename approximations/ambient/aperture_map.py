@@ -112,7 +112,7 @@ def bake(
     place: Literal["texel", "vertex", "exact"] = "texel",
     side: Annotated[int, Sweep(24, 192, low=2, high=1024)] = 96,
     precision: Literal["float32", "float16", "8 bit"] = "float32",
-    rays: Annotated[int, Sweep(16, low=4, high=65536)] = 128,
+    rays: Annotated[int, Sweep(16, 256, low=4, high=65536)] = 64,
 ) -> ApertureMap:
     """Caps for a map of side x side texels, for the vertices of as many cells, or "exact": for every pixel.
 
