@@ -37,6 +37,7 @@ from approximations.contract import (
 from scenes.contract import DIRECT_RADIANCE, Scene, View
 from scenes.terrain import Canyon, Foliage, Terrain
 
+BELOW_ONE = 0.999999
 SHADING = {
     "published": {"overlap": "smoothstep", "cosine": "normalised", "sky_cosine": "none"},
     "exact": {"overlap": "exact", "cosine": "exact", "sky_cosine": "exact"},
@@ -90,8 +91,8 @@ def fetch_texels(apertures: ApertureMap, uv: mi.Point2f) -> Apertures:
 def fetch_vertices(apertures: ApertureMap, uv: mi.Point2f) -> Apertures:
     """Barycentric in the caps of the three vertices of a triangle; cells are cut from +u to +v."""
     rows, columns, _ = apertures.grid.shape
-    at = dr.clip(uv, 0, 1) * mi.Point2f(columns - 1, rows - 1)
-    cell = mi.Point2u(dr.minimum(mi.Point2u(at), mi.Point2u(columns - 2, rows - 2)))
+    at = dr.clip(uv, 0, BELOW_ONE) * mi.Point2f(columns - 1, rows - 1)
+    cell = mi.Point2u(at)
     inner = at - mi.Point2f(cell)
     far = inner.x > 1 - inner.y
     along = dr.select(far, 1 - inner, inner)
@@ -111,7 +112,7 @@ def bake(
     place: Literal["texel", "vertex", "exact"] = "texel",
     side: Annotated[int, Sweep(24, 192, low=2, high=1024)] = 96,
     precision: Literal["float32", "float16", "8 bit"] = "float32",
-    rays: Annotated[int, Sweep(16, low=4, high=65536)] = 128,
+    rays: Annotated[int, Sweep(16, 256, low=4, high=65536)] = 64,
 ) -> ApertureMap:
     """Caps for a map of side x side texels, for the vertices of as many cells, or "exact": for every pixel.
 

@@ -28,6 +28,7 @@ import mitsuba as mi
 
 from approximations.contract import (
     ANGULAR_DETAIL,
+    COSINE_OVER_LIGHT,
     OCCLUSION,
     SHAPE_OF_VISIBILITY,
     Domain,
@@ -56,7 +57,7 @@ class SkyLight:
     estimates=DIRECT_RADIANCE,
     on=(WallUnderSky,),
     replaces="visibility times light of the sky; the sun's light with its shadow",
-    neglects=(OCCLUSION, SHAPE_OF_VISIBILITY, ANGULAR_DETAIL),
+    neglects=(OCCLUSION, COSINE_OVER_LIGHT, SHAPE_OF_VISIBILITY, ANGULAR_DETAIL),
     stress={"WallUnderSky": ("gap", "sun_elevation")},
 )
 def bent_normal_sky(
