@@ -113,7 +113,7 @@ def nearest_cube_map(
 def box_projected(world: Captured, p: mi.Point3f, r: mi.Vector3f, at: mi.Point3f) -> mi.Vector3f:
     """Direction from a probe to where a ray from p along r meets the box from inside."""
     walls = dr.select(r > 0, mi.Vector3f(world.high), mi.Vector3f(world.low))
-    t = (walls - mi.Vector3f(p)) / dr.select(r == 0, 1e-9, r)
+    t = dr.select(r == 0, dr.inf, (walls - mi.Vector3f(p)) / r)
     return p + dr.min(t) * r - at
 
 
