@@ -347,7 +347,7 @@ class IrradianceTrack(Room):
     door: Annotated[float, Axis(0.2, 3.6, unit="m")] = 1.0  # width
 
     HEIGHT, LINTEL, THICKNESS = 2.6, 2.0, 0.1  # m
-    START, END, ABOVE_FLOOR = -3.5, 3.5, 1.0  # m
+    START, END, ABOVE_FLOOR = -3.9, 3.9, 1.0  # m
     LAMP, RADIANCE_OF_LAMP = 0.4, 30.0  # m, half an edge
     TURNS = 3
 

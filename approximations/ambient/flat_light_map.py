@@ -12,7 +12,7 @@ from typing import Annotated
 import drjit as dr
 import mitsuba as mi
 
-from approximations.contract import ANGULAR_DETAIL, LINEAR_IN_LIGHT, SPATIAL_DETAIL, Sweep, technique
+from approximations.contract import ANGULAR_DETAIL, SPATIAL_DETAIL, Sweep, technique
 from approximations.kit.gathered_light import irradiance_on
 from approximations.kit.light_map import Atlas, atlas, luxels, place
 from scenes.contract import RADIANCE, View
@@ -33,7 +33,6 @@ class LightMap:
     on=(BrickWall, ColouredRoom),
     replaces="irradiance at every point and on the perturbed normal",
     neglects=(SPATIAL_DETAIL, ANGULAR_DETAIL),
-    claims=(LINEAR_IN_LIGHT,),
     baseline=True,
 )
 def flat_light_map(view: View, map: LightMap) -> mi.Color3f:

@@ -31,7 +31,6 @@ import mitsuba as mi
 
 from approximations.contract import (
     INTERREFLECTION,
-    LINEAR_IN_LIGHT,
     NO_MODEL,
     SPATIAL_DETAIL,
     Domain,
@@ -64,7 +63,7 @@ class GatheredMap:
     on=(ColouredRoom,),
     replaces="irradiance of all bounces",
     neglects=(INTERREFLECTION, NO_MODEL, SPATIAL_DETAIL),
-    claims=(LINEAR_IN_LIGHT, exact_when("ColouredRoom", 0.06, knobs={"combine": "exact"})),
+    claims=(exact_when("ColouredRoom", 0.06, knobs={"combine": "exact"}),),
     stress={"ColouredRoom": ("saturation",)},
 )
 def gathered_lightmap(view: View, map: GatheredMap) -> mi.Color3f:

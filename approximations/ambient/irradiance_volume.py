@@ -30,7 +30,6 @@ import numpy as np
 
 from approximations.contract import (
     ANGULAR_DETAIL,
-    LINEAR_IN_LIGHT,
     SPATIAL_DETAIL,
     Domain,
     Sweep,
@@ -65,10 +64,7 @@ class Volume:
     on=(IrradianceTrack,),
     replaces="irradiance along the way of a model",
     neglects=(SPATIAL_DETAIL, ANGULAR_DETAIL),
-    claims=(
-        LINEAR_IN_LIGHT,
-        exact_when("IrradianceTrack", 0.05, knobs={"field": "exact", "lamp": "exact", "paths": 512}),
-    ),
+    claims=(exact_when("IrradianceTrack", 0.05, knobs={"field": "exact", "lamp": "exact", "paths": 512}),),
     stress={"IrradianceTrack": ("speed", "door")},
 )
 def irradiance_volume(
@@ -121,34 +117,36 @@ def point_lamp(view: View, p: mi.Point3f, n: mi.Vector3f) -> tuple[mi.Color3f, m
 def time_average(
     volume: Volume, p: mi.Point3f, n: mi.Vector3f, velocity: mi.Vector3f, tau: float, filter: str
 ) -> mi.Color3f:
-    """E(n) of the cubes that a model has passed, newest first: share a (1 - a)^k of the one k frames ago, and
-    what is left of the last that counts. Before that the model stood still."""
+    """E(n) of the cubes that a model has passed, newest first: share a (1 - a)^k of the one k frames ago."""
     a = 1 - math.exp(-FRAME / tau) if tau > 0 else 1.0
-    frames = math.ceil(math.log(FORGOTTEN) / math.log(1 - a)) if a < 1 else 0
-    step = FRAME * velocity
+    frames = math.ceil(math.log(FORGOTTEN) / math.log(1 - a)) if a < 1 else 1
 
     def past(k, share, total):
-        return k + 1, share * (1 - a), total + a * share * sample(volume, p - mi.Float(k) * step, n, filter)
+        before = p - mi.Float(k) * FRAME * velocity
+        return k + 1, share * (1 - a), total + share * a * sample(volume, before, n, filter)
 
     start = mi.UInt32(0), mi.Float(1), dr.zeros(mi.Color3f, dr.width(p))
-    _, share, total = dr.while_loop(start, lambda k, share, total: k < frames, past)
-    return total + share * sample(volume, p - frames * step, n, filter)
+    return dr.while_loop(start, lambda k, share, total: k < frames, past)[2]
 
 
 def sample(volume: Volume, p: mi.Point3f, n: mi.Vector3f, filter: str) -> mi.Color3f:
-    """E(n) of the ambient cube at p: of its cell, or linear between the middles of cells."""
-    at = (p - volume.low) / volume.cell
+    """E(n) of the ambient cube at p: of the cell whose middle is nearest, or linear between middles."""
+    at = within(volume, (p - volume.low) / volume.cell - 0.5)
     if filter == "nearest":
-        return cube(volume, [dr.clip(at[k], 0, m - 1) for k, m in enumerate(volume.counts)], n)
-    at = [dr.clip(at[k] - 0.5, 0, m - 1) for k, m in enumerate(volume.counts)]
+        return cube(volume, [dr.round(x) for x in at], n)
     first = [dr.floor(x) for x in at]
     total = mi.Color3f(0)
     for corner in range(8):
         up = [(corner >> k) & 1 for k in range(3)]
         share = [(x - f) if u else (1 - (x - f)) for x, f, u in zip(at, first, up, strict=True)]
-        place = [dr.minimum(f + u, m - 1) for f, u, m in zip(first, up, volume.counts, strict=True)]
+        place = within(volume, [f + u for f, u in zip(first, up, strict=True)])
         total += share[0] * share[1] * share[2] * cube(volume, place, n)
     return total
+
+
+def within(volume: Volume, place: list[mi.Float]) -> list[mi.Float]:
+    """Coordinates in cells from the first one's middle, kept between the first and the last."""
+    return [dr.clip(place[k], 0, m - 1) for k, m in enumerate(volume.counts)]
 
 
 def cube(volume: Volume, place: list[mi.Float], n: mi.Vector3f) -> mi.Color3f:
@@ -183,7 +181,7 @@ def bake(
         for t in (0, 1)
     ]
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-    counts = np.ceil((high - low) / np.array([cell, cell, 2 * cell]) - 1e-6).astype(int).clip(1)
+    counts = np.ceil((high - low) / np.array([cell, cell, 2 * cell])).astype(int).clip(1)
     size = (high - low) / counts
     volume = Volume(mi.Point3f(low), mi.Vector3f(size), tuple(counts.tolist()), mi.Color3f(0))
     if field == "exact":
@@ -193,8 +191,8 @@ def bake(
         return volume
     z, y, x = (c.ravel() for c in np.meshgrid(*(np.arange(m) + 0.5 for m in counts[::-1]), indexing="ij"))
     p = mi.Point3f((low[:, None] + size[:, None] * np.stack([x, y, z])).astype(np.float32))
-    up = mi.Vector3f(0, 0, 1) + dr.zeros(mi.Vector3f, dr.width(p))
-    halves = [from_surfaces(view, p, n, paths, 1) for n in (up, dr.zeros(mi.Vector3f, dr.width(p)) - up)]
+    poles = [mi.Vector3f(0, 0, dr.full(mi.Float, z, dr.width(p))) for z in (1.0, -1.0)]
+    halves = [from_surfaces(view, p, n, paths, 1) for n in poles]
     each = [
         sum(half.on(mi.Vector3f(a) * dr.ones(mi.Float, dr.width(p))) for half in halves) for a in half_axes()
     ]

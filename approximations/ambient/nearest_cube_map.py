@@ -31,7 +31,6 @@ import numpy as np
 from approximations.contract import (
     DISTANT_LIGHT,
     FRESNEL,
-    LINEAR_IN_LIGHT,
     SHAPE_OF_LOBE,
     Domain,
     Sweep,
@@ -71,10 +70,7 @@ class Captured:
     on=(PolishedFloorRoom,),
     replaces="reflection of the room by a polished surface",
     neglects=(DISTANT_LIGHT, SHAPE_OF_LOBE, FRESNEL),
-    claims=(
-        LINEAR_IN_LIGHT,
-        exact_when("PolishedFloorRoom", 0.16, knobs={"parallax": "exact"}),
-    ),
+    claims=(exact_when("PolishedFloorRoom", 0.16, knobs={"parallax": "exact"}),),
     stress={"PolishedFloorRoom": ("roughness",)},
 )
 def nearest_cube_map(
@@ -117,7 +113,7 @@ def nearest_cube_map(
 def box_projected(world: Captured, p: mi.Point3f, r: mi.Vector3f, at: mi.Point3f) -> mi.Vector3f:
     """Direction from a probe to where a ray from p along r meets the box from inside."""
     walls = dr.select(r > 0, mi.Vector3f(world.high), mi.Vector3f(world.low))
-    t = (walls - mi.Vector3f(p)) / dr.select(r == 0, 1e-9, r)
+    t = dr.select(r == 0, dr.inf, (walls - mi.Vector3f(p)) / r)
     return p + dr.min(t) * r - at
 
 
@@ -142,12 +138,12 @@ def bake(
     view: View,
     *,
     probes: Annotated[int, Sweep(2, low=1, high=16)] = 3,
-    size: Annotated[int, Sweep(16, low=4, high=512)] = 64,
+    texels: Annotated[int, Sweep(16, low=4, high=512)] = 64,
 ) -> Captured:
     """Cube maps in a row along the longer side of the level, and its light map.
 
     probes  how many, in the middles of equal parts of that side.
-    size    texels along an edge of a face, a power of two.
+    texels  along an edge of a face, a power of two.
     """
     grid = atlas(view.charts, LUXEL)
     points, chart = luxels(grid)
@@ -159,7 +155,7 @@ def bake(
     found = Captured(
         [], [], mi.Point3f(low), mi.Point3f(high), mi.Point3f((corner + (u + v) / 2).T), grid, irradiance
     )
-    w = texel_directions(2 * size)[0]
+    w = texel_directions(2 * texels)[0]
     for k in range(probes):
         at = (low + high) / 2
         at[row], at[2] = low[row] + (high - low)[row] * (k + 0.5) / probes, EYE_HEIGHT
