@@ -2,8 +2,8 @@ r"""Distance and openness among solids against Mitsuba's rays.
 
 The distance from a point to a surface is the least that any ray from there travels. Of N rays spread evenly
 over the sphere, one leaves within the angle a = 2 sqrt(2 / N) of the nearest point's direction (each stands
-for 4 pi / N of the sphere, and a spiral's cells are at most twice as long as wide). So the least of them is at
-least d, at a flat face at most d / cos a, and at a box's edge, beside which it meets one of two faces,
+for 4 pi / N of the sphere, and the cells of a spiral are at most twice as long as wide). So the least of them
+is at least d, at a flat face at most d / cos a, and at a box's edge, beside which it meets one of two faces,
 d (1 + a). The sign comes from which side of the surface is met. Each solid is met alone, since the floor's
 top within a box is no boundary, and the least of the signed distances counts.
 """
