@@ -77,7 +77,7 @@ def look_up_all(volume: Volume, p: mi.Point3f) -> list[mi.Float]:
 
 def blurred(values: np.ndarray, sigma: float) -> np.ndarray:
     """Separable Gaussian blur of `sigma` cells, 0 for none; beyond its faces a volume goes on as it ends."""
-    return ndimage.gaussian_filter(values, sigma, mode="nearest", truncate=3.0) if sigma else values
+    return ndimage.gaussian_filter(values, sigma, mode="nearest") if sigma else values
 
 
 def halved(grid: Grid, values: np.ndarray) -> tuple[Grid, np.ndarray]:
