@@ -134,10 +134,11 @@ def merged_cubemap_shadows(
     else:
         lp, dist = room.corrected(p, l)
         reach = dist * dr.tan(mi.Float(sun.angular_radius))
-        static = open_room(l, k * dist if still == "linear" else room.footprint_level(lp, reach))
-    dynamic = draw(view, map_size).lit(p) if moving == "map" else sun_mean(sun, n, unhidden, zero)
+        level = k * dist if still == "linear" else room.footprint_level(lp, reach)
+        static = dr.select(dr.dot(n, l) > 0, open_room(l, level), 0)
+    dynamic = draw(view, map_size).lit(p) if moving == "map" else sun_mean(sun, l, unhidden, zero)
     both = static * dynamic if combine == "multiply" else dr.minimum(static, dynamic)
-    return dr.select(surface.valid, dr.select(dr.dot(n, l) > 0, both, 0), 1)
+    return dr.select(surface.valid, both, 1)
 
 
 @merged_cubemap_shadows.bake
