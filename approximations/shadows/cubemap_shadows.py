@@ -56,7 +56,7 @@ from scenes.window_room import PillarRoom, WindowRoom
     estimates=LIGHT_VISIBILITY,
     on=(WindowRoom, PillarRoom),
     replaces="share of the sun that a point sees through the openings of a room",
-    neglects=(PENUMBRA_WIDTH, SHAPE_OF_VISIBILITY, SPATIAL_DETAIL, NUMBER_FORMAT),
+    neglects=(SHAPE_OF_VISIBILITY, PENUMBRA_WIDTH, SPATIAL_DETAIL, NUMBER_FORMAT),
     claims=(
         at_most(1),
         exact_when("WindowRoom", 0.01, knobs={"proxy": "exact", "penumbra": "exact", "storage": "exact"}),
