@@ -216,7 +216,6 @@ class StainedRoom(SunlitRoom):
 
         def transmittance(o: mi.Point3f, w: mi.Vector3f) -> mi.Color3f:
             at = o + (self.wall() - o.x) / w.x * w
-            _, b, _, d = self.opening()
             right, low = at.y < 0, at.z < self.SILL
             t = self.TINTS
             below = dr.select(right, mi.Color3f(t[0][0]), mi.Color3f(t[1][0]))

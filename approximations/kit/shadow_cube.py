@@ -71,7 +71,7 @@ def walls_box(centre: mi.Point3f, w: mi.Vector3f, t: mi.Float) -> tuple[mi.Point
 def shadow_cube(
     texels: Any, centre: mi.Point3f, box: tuple[Any, Any], *, bits: int | None, power: float = 1.0
 ) -> ShadowCube:
-    """With all mips, rounded to so many bits (None for float32), and then raised to a power, which decodes."""
+    """With all mips, rounded to so many bits (None for float32) and raised to a power, which decodes."""
     levels = mip_chain(texels)
     if bits:
         top = 2.0**bits - 1

@@ -1,16 +1,16 @@
 r"""Soft shadows of a room's openings from one static cube map.
 
-GPU Pro 7, part IV, chapter 1, sections 1.4 to 1.7. The light is outside a room, the room's walls hide it. Once
-and for all lights, six faces are drawn from a point C of the room:
+GPU Pro 7, part IV, chapter 1, sections 1.4 to 1.7. The light is outside a room, the room's walls hide it.
+Once and for all lights, six faces are drawn from a point C of the room:
 
     bake      alpha(w) = 1 where C sees a surface along w, 0 where it looks out; all mips by 2 x 2 means
     lookup    P = where V0 + t L leaves the proxy box, Lp = P - C          (`approximations.kit.shadow_cube`)
     level     lod = k |P - V0|
     share     V = 1 - alpha(Lp, lod)
 
-It is exact for a point light and walls that lie in the box, but for texels. A wall delta within the box moves
-a shadow by delta (tan a - tan b) along it, a and b being the angles of Lp and L with its normal; whatever stands
-in the room is taken to hang on its walls.
+It is exact for a point light and walls that lie in the box, but for texels. A wall delta within the box
+moves a shadow by delta (tan a - tan b) along it, a and b being the angles of Lp and L with its normal;
+whatever stands in the room is taken to hang on its walls.
 
 The level stands for the size of the light. A sun of angular radius r needs the mean of alpha over a disk of
 radius |P - V0| tan r; the level of such texels grows by the logarithm of the distance,
@@ -34,9 +34,9 @@ import drjit as dr
 import mitsuba as mi
 
 from approximations.contract import (
-    SHAPE_OF_VISIBILITY,
     NUMBER_FORMAT,
     PENUMBRA_WIDTH,
+    SHAPE_OF_VISIBILITY,
     SPATIAL_DETAIL,
     Domain,
     Sweep,
@@ -56,7 +56,7 @@ from scenes.window_room import PillarRoom, WindowRoom
     estimates=LIGHT_VISIBILITY,
     on=(WindowRoom, PillarRoom),
     replaces="share of the sun that a point sees through the openings of a room",
-    neglects=(PENUMBRA_WIDTH, SHAPE_OF_VISIBILITY, SPATIAL_DETAIL, NUMBER_FORMAT),
+    neglects=(SHAPE_OF_VISIBILITY, PENUMBRA_WIDTH, SPATIAL_DETAIL, NUMBER_FORMAT),
     claims=(
         at_most(1),
         exact_when("WindowRoom", 0.01, knobs={"proxy": "exact", "penumbra": "exact", "storage": "exact"}),
@@ -77,8 +77,8 @@ def cubemap_shadows(
     """Share of the sun that is seen, 0 to 1, one number per pixel.
 
     correction  direction of the lookup: Lp from the proxy "box", or L itself ("none").
-    penumbra    level of the lookup: 0 ("hard"), "linear" in the distance, "normalised" by the room's diagonal,
-                "log" from the footprint; "exact": the mean of 64 hard lookups over the sun's disk.
+    penumbra    level of the lookup: 0 ("hard"), "linear" in the distance, "normalised" by the room's
+                diagonal, "log" from the footprint; "exact": the mean of 64 hard lookups over the sun's disk.
     k           levels a metre, for "linear".
     """
     surface, sun = view.surface, view.sun

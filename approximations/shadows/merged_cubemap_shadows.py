@@ -1,13 +1,14 @@
 r"""Shadows of a room from its cube map, shadows of what moves from a shadow map.
 
-GPU Pro 7, part IV, chapter 1, sections 1.8 and 1.9. What moves is drawn into a shadow map, the room is not; each
-of the two says how much of the light it lets through, and
+GPU Pro 7, part IV, chapter 1, sections 1.8 and 1.9. What moves is drawn into a shadow map, the room is not;
+each of the two says how much of the light it lets through, and
 
     V = V_room V_moving.
 
-That is exact for a point light, whose factors are 0 or 1 (and so is their minimum). For a light of some size the
-product takes the two shadows to be independent: where both hide the same part of the light it is too dark, where
-they hide different parts it is too bright. The minimum is right only where one hides all that the other does.
+That is exact for a point light, whose factors are 0 or 1 (and so is their minimum). For a light of some size
+the product takes the two shadows to be independent: where both hide the same part of the light it is too
+dark, where they hide different parts it is too bright. The minimum is right only where one hides all that the
+other does.
 
 In print, and what was done here:
 - No formula joins the two ("an easy calculation"): `combine` offers the product and the minimum.
@@ -107,8 +108,8 @@ def merged_cubemap_shadows(
 ) -> mi.Float:
     """Share of the sun that is seen, 0 to 1, one number per pixel.
 
-    combine   of the two factors: their product ("multiply"), their "min", or "exact": the mean of the product of
-              hard shadows over the sun's disk, whatever the factors.
+    combine   of the two factors: their product ("multiply"), their "min", or "exact": the mean of the product
+              of hard shadows over the sun's disk, whatever the factors.
     still     V_room: level of the cube "linear" in the distance or "log" from the footprint, or "exact": the
               mean of 64 hard lookups over the sun's disk.
     moving    V_moving: from the shadow "map", or "exact": from 64 rays to the sun's disk.
@@ -133,15 +134,19 @@ def merged_cubemap_shadows(
     else:
         lp, dist = room.corrected(p, l)
         reach = dist * dr.tan(mi.Float(sun.angular_radius))
-        static = open_room(l, k * dist if still == "linear" else room.footprint_level(lp, reach))
-    dynamic = draw(view, map_size).lit(p) if moving == "map" else sun_mean(sun, n, unhidden, zero)
+        level = k * dist if still == "linear" else room.footprint_level(lp, reach)
+        static = dr.select(dr.dot(n, l) > 0, open_room(l, level), 0)
+    dynamic = draw(view, map_size).lit(p) if moving == "map" else sun_mean(sun, l, unhidden, zero)
     both = static * dynamic if combine == "multiply" else dr.minimum(static, dynamic)
-    return dr.select(surface.valid, dr.select(dr.dot(n, l) > 0, both, 0), 1)
+    return dr.select(surface.valid, both, 1)
 
 
 @merged_cubemap_shadows.bake
 def bake(view: View, *, face: Annotated[int, Sweep(128, low=2, high=2048)] = 512) -> ShadowCube:
-    """8-bit opacity of the room without what moves, from its middle. face: texels along a side, a power of two."""
+    """8-bit opacity of the room without what moves, from its middle.
+
+    face  texels along a side, a power of two.
+    """
     low, high = view.bounds
     centre = 0.5 * (low + high)
     _, t = sees(view.trace, centre, face)

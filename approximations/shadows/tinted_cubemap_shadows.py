@@ -1,14 +1,14 @@
 r"""Coloured light through stained glass, from a shadow cube that holds colours beside the opacity.
 
-GPU Pro 7, part IV, chapter 1, section 1.5. The cube of `cubemap_shadows` has four channels; what the light loses
-in a pane is read by the same lookup as the shadow:
+GPU Pro 7, part IV, chapter 1, section 1.5. The cube of `cubemap_shadows` has four channels; what the light
+loses in a pane is read by the same lookup as the shadow:
 
     T = (1 - alpha(Lp, lod)) c(Lp, lod)          "straight": alpha and the colour c of what C sees
     T = tau(Lp, lod)                             "premultiplied": c (1 - alpha) is what is stored
 
-Light through a window is the mean of tau over the disk that the light covers on it, so that tau is what may be
-averaged. The product of two means is not the mean of the product: at a pane's edge the straight rule takes the
-wall's colour into the light,
+Light through a window is the mean of tau over the disk that the light covers on it, so that tau is what may
+be averaged. The product of two means is not the mean of the product: at a pane's edge the straight rule takes
+the wall's colour into the light,
 
     T - tau = t (1 - t) (c_wall - c_pane),       t the share of the wall in a texel.
 
@@ -97,8 +97,8 @@ def bake(
 ) -> tuple[ShadowCube, ...]:
     """Four channels of 8 bits from the middle C of the room.
 
-    stored    colour and alpha apart ("straight"), where walls have the mean colour that the camera sees of them,
-              or the transmittance tau ("premultiplied").
+    stored    colour and alpha apart ("straight"), where walls have the mean colour that the camera sees of
+              them, or the transmittance tau ("premultiplied").
     averaged  mips of "linear" values, or of values "encoded" by a power.
     face      texels along a side, a power of two.
     """

@@ -7,14 +7,15 @@ inside has
     m . w >= 0,  m = (a - p) x (b - p),   a half plane  m.s + m.e1 x + m.e2 y >= 0  of the disk,
 
 and so has the horizon of p's own surface, and each upright edge of a pillar that reaches from floor to
-ceiling. So the share is the area of a disk cut by half planes: with q = m.s / |(m.e1, m.e2)| the distance of a
-line from the middle, by Green's theorem
+ceiling. So the share is the area of a disk cut by half planes: with q = m.s / |(m.e1, m.e2)| the distance of
+a line from the middle, by Green's theorem
 
     area = 1/2 sum q (length of the line inside)  +  r^2 / 2 (angle of the circle inside).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -65,7 +66,7 @@ def _cut(q: np.ndarray, towards: np.ndarray) -> np.ndarray:
     half = np.where(q < 1, np.arccos(np.clip(-q, -1, 1)), np.pi)
     ends = [np.where(q < 1, np.angle(np.exp(1j * (towards + d * half))), np.pi) for d in (-1, 1)]
     cuts = np.sort(np.concatenate([*ends, np.full((1, n), -np.pi), np.full((1, n), np.pi)]), axis=0)
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+    for a, b in itertools.pairwise(cuts):
         middle = 0.5 * (a + b)
         inside = (np.cos(middle - towards) + q >= 0).all(axis=0)
         area += np.where(inside, 0.5 * (b - a), 0)
@@ -149,7 +150,7 @@ def pillar_room(scene: PillarRoom, size: int) -> np.ndarray:
 
 @closed_form(StainedRoom, LIGHT_VISIBILITY)
 def stained_room(scene: StainedRoom, size: int) -> np.ndarray:
-    """Share (size, size, 3) by colour: the sum over the panes of what is seen through each, times its tint."""
+    """Share (size, size, 3) by colour: what is seen through each pane times its tint, in sum."""
     points = Points(scene, size)
     tinted = sum(through(scene, points, pane)[:, None] * np.array(tint) for pane, tint in scene.panes())
     return np.where(points.met[:, None], tinted, 1).reshape(size, size, 3)
