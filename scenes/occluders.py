@@ -73,7 +73,7 @@ class Occluders(Scene):
     def sensor(self, size: int) -> dict:
         target = np.array([0.1, 0.0, 0.2])
         origin = target + self.DISTANCE * np.array(direction(self.camera_elevation, -90.0))
-        return perspective(list(origin), list(target), 34, size)
+        return perspective(list(origin), list(target), 34, size, near_clip=1.0)
 
     def mitsuba(self, size: int = 128) -> dict:
         return {"type": "scene", **self.surfaces(), "sky": uniform_sky(1.0), "sensor": self.sensor(size)}

@@ -19,6 +19,7 @@ blur. Off the screen nothing occludes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Annotated, Literal
 
@@ -90,7 +91,7 @@ def hbao(
     on=(Occluders,),
     replaces="cosine-weighted share of the sky that a point sees",
     neglects=(HIDDEN_GEOMETRY, SPATIAL_DETAIL, SAMPLING),
-    claims=(at_most(1.0001),),
+    claims=(at_most(1),),
     stress={"Occluders": ("camera_elevation", "pole")},
     baseline=True,
 )
@@ -157,12 +158,13 @@ class Lines:
     def lines(self, count: int) -> list[tuple[mi.Vector3f, mi.Vector2f]]:
         """For each line, T and its direction on the screen."""
         right, down = dr.normalize(self.buffer.right), dr.normalize(self.buffer.down)
+        first = mi.Complex2f(dr.cos(0.5 * self.turn), dr.sin(0.5 * self.turn))
         found = []
         for i in range(count):
-            phi = 0.5 * self.turn + i * dr.pi / count
-            along = mi.Vector2f(dr.cos(phi), dr.sin(phi))
+            z = first * mi.Complex2f(math.cos(math.pi * i / count), math.sin(math.pi * i / count))
+            along = mi.Vector2f(z.real, z.imag)
             t = along.x * right + along.y * down
-            found.append((dr.normalize(t - dr.dot(t, self.v) * self.v), along))
+            found.append((dr.normalize(dr.cross(self.v, dr.cross(t, self.v))), along))
         return found
 
     def side(self, along: mi.Vector2f, take: Callable, *state: mi.Float) -> tuple[mi.Float, ...]:
@@ -183,4 +185,4 @@ class Lines:
 
     def image(self, share: mi.Float) -> mi.Float:
         """The share where there is a surface, 1 elsewhere."""
-        return dr.select(self.valid, dr.maximum(share, 0), 1)
+        return dr.select(self.valid, dr.clip(share, 0, 1), 1)

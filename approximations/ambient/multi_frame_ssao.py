@@ -84,11 +84,11 @@ def multi_frame_ssao(
 ) -> mi.Float:
     """Share of the sky that is seen, 0 to 1, one number per pixel.
 
-    occluders          what the depth buffer holds, or "exact": what rays of length R meet, with the cosine.
-    region  the whole ball, or the half on the surface's side.
-    radius             R, m.
-    range_check        whether what lies more than R before x counts.
-    turned             whether the points are mirrored anew at each pixel of a tile.
+    occluders    what the depth buffer holds, or "exact": what rays of length R meet, with the cosine.
+    region       the whole ball, or the half on the surface's side.
+    radius       R, m.
+    range_check  whether what lies more than R before x counts.
+    turned       whether the points are mirrored anew at each pixel of a tile.
     """
     return occlusion(view, ball, occluders, region, radius, range_check, turned)
 
@@ -127,7 +127,7 @@ def bake(
     lengths: Literal["ball", "close"] = "ball",
 ) -> Ball:
     """The points of all frames: `samples` a frame, uniform in the ball or of random length."""
-    points = best_candidates(frames * samples, "ball", seed=1)[::-1]
+    points = best_candidates(frames * samples, "ball", seed=1)
     rng = np.random.default_rng(2)
     if lengths == "close":
         points = points * rng.random((len(points), 1))
@@ -198,15 +198,16 @@ def tile_index(view: View) -> mi.UInt32:
 
 
 def blurred(view: View, image: mi.Float) -> mi.Float:
-    """A mean over TILE pixels across and then down, held to the picture."""
+    """A mean over TILE pixels across and then down, of those that the picture has."""
     i = dr.arange(mi.UInt32, view.width * view.height)
-    row, column = mi.Int32(i // view.width), mi.Int32(i % view.width)
-    for step in (mi.Vector2i(1, 0), mi.Vector2i(0, 1)):
+    pixel = mi.Point2u(i % view.width, i // view.width)
+    for step in (mi.Vector2u(1, 0), mi.Vector2u(0, 1)):
         dr.eval(image)
-        at = [
-            dr.clip(mi.Point2i(column, row) + k * step, 0, mi.Point2i(view.width - 1, view.height - 1))
-            for k in range(TILE)
+        at = [pixel + k * step for k in range(TILE)]
+        inside = [(p.x < view.width) & (p.y < view.height) for p in at]
+        taps = [
+            dr.gather(mi.Float, image, dr.fma(p.y, view.width, p.x), m)
+            for p, m in zip(at, inside, strict=True)
         ]
-        taps = [dr.gather(mi.Float, image, mi.UInt32(dr.fma(p.y, view.width, p.x))) for p in at]
-        image = sum(taps) / TILE
+        image = sum(taps) / sum(dr.select(m, mi.Float(1), 0) for m in inside)
     return image

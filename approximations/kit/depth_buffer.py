@@ -64,10 +64,10 @@ def depth_buffer(view: View) -> DepthBuffer:
         d = dr.gather(mi.Vector3f, camera.direction, mi.UInt32(pixel))
         return d / dr.dot(d, camera.forward)
 
-    corner, last = ray(0), w * (view.height - 1)
+    corner, across, below = ray(0), w // 2, view.height // 2
+    right, down = (ray(across) - corner) / across, (ray(w * below) - corner) / below
     eye = dr.gather(mi.Point3f, camera.origin, mi.UInt32(0)) - camera.near * corner
     z = dr.dot(view.surface.position - eye, camera.forward)
     z = dr.select(view.surface.valid, z, dr.inf)
-    right, down = (ray(w - 1) - corner) / (w - 1), (ray(last) - corner) / (view.height - 1)
     dr.eval(z)
     return DepthBuffer(eye, camera.forward, corner, right, down, z, w, view.height)
