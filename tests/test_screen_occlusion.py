@@ -92,7 +92,7 @@ def test_arc_of_a_slice_is_its_integral(h, g):
     assert horizon_occlusion.arc(mi.Float(h), mi.Float(g))[0] == pytest.approx(area, abs=1e-5)
 
 
-@pytest.mark.parametrize("slope", [20.0, 45.0, 65.0])
+@pytest.mark.parametrize("slope", [20.0, 45.0])
 def test_gtao_of_a_valley_is_its_closed_form(slope):
     """A height field on the screen: with enough lines and samples the horizon integral is exact."""
     scene, size = Valley(slope=slope), 256

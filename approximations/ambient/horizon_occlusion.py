@@ -99,8 +99,8 @@ def gtao(
     view: View,
     turn: mi.Float,
     *,
-    radius: Annotated[float, Sweep(0.4, 1.5, 4.0, low=0.001, high=100)] = 1.5,
-    lines: Annotated[int, Sweep(2, 4, 16, low=1, high=64)] = 4,
+    radius: Annotated[float, Sweep(0.4, 1.5, low=0.001, high=100)] = 1.5,
+    lines: Annotated[int, Sweep(2, 4, low=1, high=64)] = 4,
     steps: Annotated[int, Sweep(4, 8, 32, low=1, high=256)] = 8,
     falloff: Literal["none", "end"] = "none",
 ) -> mi.Float:

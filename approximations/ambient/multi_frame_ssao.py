@@ -122,7 +122,7 @@ def single_frame_ssao(
 def bake(
     view: View,
     *,
-    frames: Annotated[int, Sweep(1, 4, 20, 60, low=1, high=8192)] = 20,
+    frames: Annotated[int, Sweep(1, 20, 60, low=1, high=8192)] = 20,
     samples: Annotated[int, Sweep(8, low=1, high=64)] = 8,
     lengths: Literal["ball", "close"] = "ball",
 ) -> Ball:
