@@ -20,9 +20,6 @@ from compare.gate import load_thresholds
 
 ALIKE = {
     "height_fog.py: i + offset": "turns the even offsets of a stratified sum into the same ones backwards",
-    "horizon_occlusion.py: turn + 2 * dr.pi * k": "goes round the circle the other way",
-    "horizon_occlusion.py: 0.5 * turn + dr.pi * k": "goes round the half circle the other way",
-    "horizon_occlusion.py: mi.Float(i) + 0.5": "takes the first of the steps twice and leaves out the last",
     "split_sum.py: nv * nh + np.sqrt((1 - nv**2) * (1 - nh**2)) * np.cos(phi)": "half a turn about n",
     "sampling.py: mi.Float(i) * GOLDEN_ANGLE + turn": "a random turn to the left is one to the right",
 }

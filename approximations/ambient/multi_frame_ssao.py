@@ -1,24 +1,30 @@
-r"""Screen-space ambient occlusion, gathered over frames instead of blurred.
+r"""Multi-frame ambient occlusion on the screen: a few samples of a ball a frame, averaged over frames.
 
-GPU Pro 7, chapter III.3, section 3.3.4. What it stands for is the openness of a point x with normal n,
+GPU Pro 7, chapter III.3, section 3.3.4. The share of the sky that a point sees,
 
-    A(x) = 1/pi int V(x, w) n . w dw.
+    AO(x) = (1 / pi) int_hemisphere V(x, w) cos(theta) dw,
 
-    samples    points x + R s of a ball round x, s from a table of unit-ball points
-    occluder   a sample is hidden where the depth buffer stands in front of it
-    frames     A = share of samples that are not hidden, the mean over frames with a slice of the table each
+is replaced by what the depth buffer says of points round x,
 
-The source prints no formula for the test and names the ball of the first such method. On a flat wall half of
-the ball lies in the wall, so that A = 0.5 where nothing hides anything: `volume` offers the half towards the
-normal, and cosine-weighted directions without an end. Blurring a single frame of rotated samples is what the
-source replaces: frames=1, samples=24, rotation="per pixel", blur=2.
+    AO(x) = 1 - P[depth(project(x + R s)) < z(x + R s)],   s uniform in the unit ball,
 
-What no number of samples mends: nothing is known behind the first surface or off the screen, and every
-surface is endlessly thick. `range_check` lets occluders more than R in front of the sample pass.
+estimated from `samples` points in each of `frames` frames, all of one set that keeps apart. One frame needs
+a set turned from pixel to pixel and a blur against its noise; many frames need neither.
+
+In print, and what was done here:
+- The formula is not printed, but that it is the usual one. Half the ball lies behind a flat wall, so that an
+  open wall is 1/2: `region="hemisphere"` mirrors the points behind the surface to its front.
+- Points are uniform in the ball, or of random length ("close", which gathers them about x).
+- Nothing is said of occluders far in front, which darken all that they cover on the screen. `range_check`
+  drops what lies nearer to the eye than x by more than R.
+- R is a length in space, as far as it goes on the screen. Off the screen nothing occludes.
+- What many frames converge to is no sky: hidden things do not occlude, the cosine is missing, and R is
+  finite. `occluders="exact"` has rays of length R with the cosine, which leaves the last of these alone.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import drjit as dr
@@ -26,135 +32,182 @@ import mitsuba as mi
 import numpy as np
 
 from approximations.contract import (
-    COSINE_OVER_LIGHT,
     HIDDEN_GEOMETRY,
+    NO_MODEL,
     SAMPLING,
-    SHAPE_OF_VISIBILITY,
+    SPATIAL_DETAIL,
     Domain,
     Sweep,
     at_most,
+    exact_when,
     technique,
 )
-from approximations.kit.depth_buffer import DepthBuffer, depth_buffer
-from approximations.kit.loops import repeat
-from approximations.kit.sampling import random_turn
+from approximations.kit.depth_buffer import depth_buffer
+from approximations.kit.point_sets import best_candidates
 from scenes.contract import SKY_VISIBILITY, Scene, View
 from scenes.occluders import Occluders
 
-TABLE = 512
-"""Points in the table; frames go round it."""
-CANDIDATES = 16
-LIFT = 1e-3
-"""Of the point off its surface, in units of the radius."""
+TILE = 4
+"""Side of the tile of mirrors, in pixels; the blur averages over as many."""
+
+
+@dataclass
+class Ball:
+    """Points of the unit ball; the normals of TILE x TILE mirrors."""
+
+    points: mi.Vector3f
+    mirrors: mi.Vector3f
 
 
 @technique(
-    source="GPU Pro 7, III.3, section 3.3.4",
+    source="GPU Pro 7, III.3, 3.3.4",
     covers=("multi-frame/07",),
     estimates=SKY_VISIBILITY,
     on=(Occluders,),
-    replaces="cosine-weighted visibility of the sky",
-    neglects=(SHAPE_OF_VISIBILITY, COSINE_OVER_LIGHT, HIDDEN_GEOMETRY, SAMPLING),
-    claims=(at_most(1.0),),
-    stress={"Occluders": ("elevation", "gap", "pole")},
+    replaces="cosine-weighted share of the sky that a point sees",
+    neglects=(NO_MODEL, HIDDEN_GEOMETRY, SAMPLING, SPATIAL_DETAIL),
+    claims=(
+        at_most(1),
+        exact_when("Occluders", 0.02, knobs={"occluders": "exact", "radius": 20.0, "frames": 60}),
+    ),
+    stress={"Occluders": ("pole", "camera_elevation")},
 )
 def multi_frame_ssao(
     view: View,
-    table: mi.Vector3f,
+    ball: Ball,
     *,
-    frames: Annotated[int, Sweep(1, 4, 16, 60, low=1, high=4096)] = 60,
-    samples: Annotated[int, Sweep(8, 24, low=1, high=TABLE)] = 8,
-    radius: Annotated[float, Sweep(0.1, 0.5, 2.0, low=1e-3, high=100.0)] = 0.5,
-    rotation: Literal["none", "per pixel"] = "none",
-    range_check: bool = False,
-    blur: Annotated[int, Sweep(0, 2, low=0, high=16)] = 0,
-    occluder: Literal["depth buffer", "exact"] = "depth buffer",
-    volume: Literal["ball", "hemisphere", "exact"] = "ball",
+    occluders: Literal["depth", "exact"] = "depth",
+    region: Literal["ball", "hemisphere"] = "ball",
+    radius: Annotated[float, Sweep(0.1, 0.4, 1.5, low=0.001, high=1000)] = 0.4,
+    range_check: Literal["none", "radius"] = "none",
+    turned: Literal["no", "pixel"] = "no",
 ) -> mi.Float:
-    """Openness A (0 to 1), 1 where the camera sees no surface. Cost is that of all frames together.
+    """Share of the sky that is seen, 0 to 1, one number per pixel.
 
-    samples are points per frame, radius is R (m), blur half the width of a box (texels), over each side.
-    rotation turns the table about the view direction. occluder "exact" traces a ray to the sample. volume
-    "exact": directions spread by cosine, whose rays have no end; the depth buffer takes the sample on them.
+    occluders    what the depth buffer holds, or "exact": what rays of length R meet, with the cosine.
+    region       the whole ball, or the half on the surface's side.
+    radius       R, m.
+    range_check  whether what lies more than R before x counts.
+    turned       whether the points are mirrored anew at each pixel of a tile.
     """
-    surface, buffer = view.surface, depth_buffer(view)
-    x, n = surface.position + LIFT * radius * surface.normal, surface.normal
-    count = view.width * view.height
-    turn = random_turn(count, seed=1) if rotation == "per pixel" else mi.Float(0)
-    spin = dr.sincos(turn)
-    width, total = dr.width(table), frames * samples
-
-    def offset(i: mi.UInt32) -> mi.Vector3f:
-        s = dr.gather(mi.Vector3f, table, i % width)
-        s = mi.Vector3f(spin[1] * s.x + spin[0] * s.y, spin[1] * s.y - spin[0] * s.x, s.z)
-        if volume == "exact":
-            length = dr.norm(s)
-            return length * dr.normalize(n + s / length)
-        return dr.mulsign(s, dr.dot(s, n)) if volume == "hemisphere" else s
-
-    def hidden(s: mi.Vector3f) -> mi.Bool:
-        if occluder == "exact":
-            length = dr.norm(s)
-            reach = dr.inf if volume == "exact" else radius * length
-            return view.trace(x, s / length) < reach
-        at, z = buffer.project(x + radius * s)
-        stands, _ = buffer.fetch(at)
-        return (stands < z) & ((z - stands < radius) if range_check else True)
-
-    def add(i: mi.UInt32, free: mi.Float) -> tuple[mi.Float]:
-        return (free + dr.select(hidden(offset(i)), mi.Float(0), 1),)
-
-    openness = repeat(total, add, dr.zeros(mi.Float, count))[0] / total
-    if blur:
-        openness = box_blur(openness, buffer, blur)
-    return dr.select(surface.valid, openness, 1)
+    return occlusion(view, ball, occluders, region, radius, range_check, turned)
 
 
-def box_blur(image: mi.Float, buffer: DepthBuffer, half: int) -> mi.Float:
-    """Mean over (2 half + 1)^2 texels, clamped at the border: rows, then columns."""
-    for across in (True, False):
-        dr.eval(image)
-        i = dr.arange(mi.Int, buffer.width * buffer.height)
-        column, row = i % buffer.width, i // buffer.width
-        total = mi.Float(0)
-        for k in range(-half, half + 1):
-            c = dr.clip(column + k, 0, buffer.width - 1) if across else column
-            r = row if across else dr.clip(row + k, 0, buffer.height - 1)
-            total += dr.gather(mi.Float, image, mi.UInt32(r * buffer.width + c))
-        image = total / (2 * half + 1)
-    return image
+@technique(
+    source="GPU Pro 7, III.3, 3.2 and 3.3.4, the single frame that is set against many",
+    estimates=SKY_VISIBILITY,
+    on=(Occluders,),
+    replaces="cosine-weighted share of the sky that a point sees",
+    neglects=(NO_MODEL, HIDDEN_GEOMETRY, SAMPLING, SPATIAL_DETAIL),
+    claims=(at_most(1),),
+    baseline=True,
+)
+def single_frame_ssao(
+    view: View,
+    ball: Ball,
+    *,
+    radius: Annotated[float, Sweep(0.1, 0.4, low=0.001, high=1000)] = 0.4,
+    blur: bool = True,
+) -> mi.Float:
+    """Share of the sky that is seen, 0 to 1, one number per pixel.
+
+    radius  R, m.
+    blur    a separable mean over as many pixels as the tile of mirrors has.
+    """
+    noisy = occlusion(view, ball, "depth", "ball", radius, "none", "pixel")
+    return blurred(view, noisy) if blur else noisy
 
 
 @multi_frame_ssao.bake
 def bake(
     view: View,
     *,
-    kernel: Literal["poisson", "uniform"] = "poisson",
-    order: Literal["as drawn", "by length"] = "as drawn",
-) -> mi.Vector3f:
-    """TABLE points of the unit ball.
+    frames: Annotated[int, Sweep(1, 20, 60, low=1, high=8192)] = 20,
+    samples: Annotated[int, Sweep(8, low=1, high=64)] = 8,
+    lengths: Literal["ball", "close"] = "ball",
+) -> Ball:
+    """The points of all frames: `samples` a frame, uniform in the ball or of random length."""
+    points = best_candidates(frames * samples, "ball", seed=1)
+    rng = np.random.default_rng(2)
+    if lengths == "close":
+        points = points * rng.random((len(points), 1))
+    return _ball(points, rng)
 
-    kernel "poisson": each the farthest of CANDIDATES from those before it, so that any first part of the
-    table is well spread; "uniform": independent. order "by length": near occluders first.
-    """
-    rng = np.random.default_rng(1)
-    chosen = np.empty((0, 3))
-    for _ in range(TABLE):
-        drawn = rng.normal(size=(CANDIDATES if kernel == "poisson" else 1, 3))
-        lengths = np.linalg.norm(drawn, axis=1, keepdims=True)
-        drawn *= rng.random(lengths.shape) ** (1 / 3) / lengths
-        apart = np.linalg.norm(drawn[:, None] - chosen, axis=2).min(axis=1, initial=np.inf)
-        chosen = np.vstack([chosen, drawn[[np.argmax(apart)]]])
-    if order == "by length":
-        chosen = chosen[np.argsort(np.linalg.norm(chosen, axis=1))]
-    return mi.Vector3f(*chosen.T.astype(np.float32))
+
+@single_frame_ssao.bake
+def bake_one(view: View, *, samples: Annotated[int, Sweep(8, 24, low=1, high=64)] = 24) -> Ball:
+    """The points of the one frame."""
+    return _ball(best_candidates(samples, "ball", seed=1), np.random.default_rng(2))
+
+
+def _ball(points: np.ndarray, rng: np.random.Generator) -> Ball:
+    normals = rng.normal(size=(TILE * TILE, 3))
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return Ball(*(mi.Vector3f(x.T.astype(np.float32)) for x in (points, normals)))
 
 
 @multi_frame_ssao.domain
 def domain(scene: Scene) -> Domain:
-    """Contact shadows of things that the screen shows, seen from well above (3.3.4)."""
-    if scene.elevation < 15:
-        return Domain(False, "surfaces seen at a grazing angle hide what occludes them")
-    if scene.pole < 0.01:
-        return Domain(False, "occluders thinner than a pixel come and go in the depth buffer")
+    """Detail that the screen resolves, seen from well above its surfaces."""
+    if scene.camera_elevation < 20:
+        return Domain(False, "a view along the ground, where most of what occludes is hidden")
     return Domain(True)
+
+
+def occlusion(
+    view: View,
+    ball: Ball,
+    occluders: str,
+    region: str,
+    radius: float,
+    range_check: str,
+    turned: str,
+) -> mi.Float:
+    """1 - P over all points of the ball."""
+    surface, buffer = view.surface, depth_buffer(view)
+    x, n = surface.position, surface.normal
+    own = buffer.project(x)[1]
+    m = dr.gather(mi.Vector3f, ball.mirrors, tile_index(view))
+
+    def free(s: mi.Vector3f) -> mi.Bool:
+        if turned == "pixel":
+            s = s - 2 * dr.dot(s, m) * m
+        if occluders == "exact":
+            w = dr.normalize(n + dr.normalize(s))
+            return view.trace(x + 1e-4 * n, w) > radius
+        if region == "hemisphere":
+            s = dr.mulsign(s, dr.dot(s, n))
+        at, z = buffer.project(x + radius * s)
+        stored = buffer.fetch(at)
+        clear = stored >= z
+        return clear | (own > stored + radius) if range_check == "radius" else clear
+
+    def sample(i, seen):
+        return i + 1, seen + dr.select(free(dr.gather(mi.Vector3f, ball.points, i)), mi.Float(1), 0)
+
+    start = (mi.UInt32(0), dr.zeros(mi.Float, dr.width(x)))
+    points = dr.width(ball.points)
+    _, seen = dr.while_loop(start, lambda i, seen: i < points, sample)
+    return dr.select(surface.valid, seen / points, 1)
+
+
+def tile_index(view: View) -> mi.UInt32:
+    """Which pixel of its tile each pixel is."""
+    i = dr.arange(mi.UInt32, view.width * view.height)
+    return dr.fma(i // view.width % TILE, TILE, i % view.width % TILE)
+
+
+def blurred(view: View, image: mi.Float) -> mi.Float:
+    """A mean over TILE pixels across and then down, of those that the picture has."""
+    i = dr.arange(mi.UInt32, view.width * view.height)
+    pixel = mi.Point2u(i % view.width, i // view.width)
+    for step in (mi.Vector2u(1, 0), mi.Vector2u(0, 1)):
+        dr.eval(image)
+        at = [pixel + k * step for k in range(TILE)]
+        inside = [(p.x < view.width) & (p.y < view.height) for p in at]
+        taps = [
+            dr.gather(mi.Float, image, dr.fma(p.y, view.width, p.x), m)
+            for p, m in zip(at, inside, strict=True)
+        ]
+        image = sum(taps) / sum(dr.select(m, mi.Float(1), 0) for m in inside)
+    return image

@@ -1,8 +1,7 @@
-"""The depth buffer of a view as a texture: where a point falls on the screen, and what stands there.
+"""The depth buffer of a pinhole camera: points to pixels, and depths back to points.
 
-Depth is z along the camera's forward axis (m), not the distance along the ray. Texels hold what their centre
-sees; where it meets nothing the depth is infinite. A pixel's ray over its depth, q = d / (d . f), is linear
-in the pixel's coordinates, which gives the screen's axes without any matrix.
+A pixel (x, y) looks along q = c + x r + y d, the ray at 1 m of depth; depth z is measured along the camera's
+forward axis (m), so that the point seen is eye + z q.
 """
 
 from __future__ import annotations
@@ -17,63 +16,58 @@ from scenes.contract import View
 
 @dataclass
 class DepthBuffer:
-    """width, height in texels; origin: the eye; corner: q of the first texel's centre; right, down: how it
-    changes from texel to texel; z per texel."""
+    """eye (m); forward, unit; q of the corner pixel's centre, and its step to the right and down; z by pixel,
+    infinite where nothing is seen."""
 
-    width: int
-    height: int
-    origin: mi.Point3f
+    eye: mi.Point3f
     forward: mi.Vector3f
     corner: mi.Vector3f
     right: mi.Vector3f
     down: mi.Vector3f
     z: mi.Float
+    width: int
+    height: int
 
     def project(self, p: mi.Point3f) -> tuple[mi.Point2f, mi.Float]:
-        """Texel coordinates of a point, 0 at the centre of the first texel, and its depth (m)."""
-        v = p - self.origin
+        """(x, y) in pixels, whole at their centres, and z of a point."""
+        v = mi.Vector3f(p) - self.eye
         z = dr.dot(v, self.forward)
         q = v / z - self.corner
         x = dr.dot(q, self.right) / dr.squared_norm(self.right)
-        y = dr.dot(q, self.down) / dr.squared_norm(self.down)
-        return mi.Point2f(x, y), z
+        return mi.Point2f(x, dr.dot(q, self.down) / dr.squared_norm(self.down)), z
 
-    def fetch(self, at: mi.Point2f) -> tuple[mi.Float, mi.Bool]:
-        """Depth in the nearest texel, and whether the point lies on the screen; infinite off it."""
-        i, j = dr.round(at.x), dr.round(at.y)
-        on = (i >= 0) & (j >= 0) & (i < self.width) & (j < self.height)
-        index = mi.UInt32(dr.select(on, j * self.width + i, 0))
-        return dr.select(on, dr.gather(mi.Float, self.z, index, on), dr.inf), on
+    def fetch(self, at: mi.Point2f) -> mi.Float:
+        """z of the nearest pixel, infinite outside the screen."""
+        pixel = mi.Point2i(dr.round(at))
+        inside = dr.all((pixel >= 0) & (pixel < mi.Point2i(self.width, self.height)))
+        index = dr.fma(mi.UInt32(pixel.y), self.width, mi.UInt32(pixel.x))
+        return dr.select(inside, dr.gather(mi.Float, self.z, index, inside), dr.inf)
 
-    def reach(self, radius: float, z: mi.Float) -> mi.Float:
-        """Texels that a radius (m) at a depth spans along the screen, at most its width."""
-        return dr.minimum(radius / (z * dr.norm(self.right)), self.width)
+    def point(self, at: mi.Point2f) -> tuple[mi.Point3f, mi.Bool]:
+        """The point seen by the nearest pixel, and whether there is one."""
+        z = self.fetch(at)
+        seen = dr.isfinite(z)
+        whole = dr.round(at)
+        q = self.corner + whole.x * self.right + whole.y * self.down
+        return mi.Point3f(self.eye + dr.select(seen, z, 0) * q), seen
 
-    def surface_at(self, at: mi.Point2f) -> mi.Point3f:
-        """The point that stands in the nearest texel, infinitely far off the screen and where nothing is."""
-        z, _ = self.fetch(at)
-        at = dr.round(at)
-        return self.origin + z * (self.corner + at.x * self.right + at.y * self.down)
+    def pixels(self, length: float, z: mi.Float) -> mi.Float:
+        """How many pixels a length (m) across the view spans at depth z."""
+        return length / (z * dr.norm(self.right))
 
 
 def depth_buffer(view: View) -> DepthBuffer:
-    """Of a perspective view with square pixels, whose rays start on the near plane."""
-    camera, w, h = view.camera, view.width, view.height
-    forward = mi.Vector3f(camera.forward)
-    cosine = dr.dot(camera.direction, forward)
-    q = camera.direction / cosine
+    """What a deferred renderer has kept of the visible surface. Rays start on the near plane."""
+    camera, w = view.camera, view.width
 
-    def at(index: int) -> mi.Vector3f:
-        return dr.gather(mi.Vector3f, q, mi.UInt32(index))
+    def ray(pixel: int) -> mi.Vector3f:
+        d = dr.gather(mi.Vector3f, camera.direction, mi.UInt32(pixel))
+        return d / dr.dot(d, camera.forward)
 
-    corner = at(0)
-    return DepthBuffer(
-        w,
-        h,
-        dr.gather(mi.Point3f, camera.origin, mi.UInt32(0)) - camera.near * corner,
-        forward,
-        corner,
-        (at(w - 1) - corner) / (w - 1),
-        (at((h - 1) * w) - corner) / (h - 1),
-        view.surface.distance * cosine + camera.near,
-    )
+    corner, across, below = ray(0), w // 2, view.height // 2
+    right, down = (ray(across) - corner) / across, (ray(w * below) - corner) / below
+    eye = dr.gather(mi.Point3f, camera.origin, mi.UInt32(0)) - camera.near * corner
+    z = dr.dot(view.surface.position - eye, camera.forward)
+    z = dr.select(view.surface.valid, z, dr.inf)
+    dr.eval(z)
+    return DepthBuffer(eye, camera.forward, corner, right, down, z, w, view.height)
