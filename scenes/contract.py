@@ -290,7 +290,7 @@ class View:
     rasteriser, one ray per texel of a shadow map or cube map, in frames too. `chart(uv)` gives the position
     and the unit normal at texture coordinates, for what is baked into a map that `surface.uv` reads.
     `moving(o, d)` is `trace` for what moves, where a scene tells it apart; `trace` then meets the rest.
-    `transmittance(o, d)`: the share, by colour, of the light from outside that comes in along a ray, for bakes.
+    `transmittance(o, d)`, for bakes: the share, by colour, of light from outside that comes in along a ray.
     """
 
     width: int
