@@ -259,8 +259,8 @@ class Fragments:
 @dataclass(frozen=True)
 class Inlay:
     """Two materials in one texture: mask (n, n), 1 where a texel is metal, row 0 at v = 0; the mip level that
-    the texture unit reads; the stone's diffuse reflectance, the metal's specular one, colours in 0..1; and the
-    specular reflectance of the stone."""
+    the texture unit reads; the stone's diffuse reflectance, the metal's specular one, colours in 0..1; and
+    the specular reflectance of the stone."""
 
     mask: Any
     level: int

@@ -4,25 +4,25 @@ GPU Pro 7, part IV, chapter 2, section 2.2. A surface has a diffuse layer and a 
 
     L = albedo E / pi + F0 L(r),
 
-E the irradiance and L(r) the light from the mirrored direction (the lobe is taken to be a mirror here). Metals
-have no albedo, all insulators about the same F0. Two ways to store that:
+E the irradiance and L(r) the light from the mirrored direction (the lobe is taken to be a mirror here).
+Metals have no albedo, all insulators about the same F0. Two ways to store that:
 
     specular      albedo, F0                                    two colours, 48 bits
     metallic      base, m: albedo = base (1 - m),               a colour and a mask, 32 bits
                   F0 = (1 - m) F0_insulator + m base
 
 The texture unit filters what is stored. The first pair enters L linearly, so that a filtered texel is the
-average of what its parts reflect. In the second, colour and mask are multiplied after filtering: where a share t
-of a texel is metal of colour g and the rest stone of colour s, the result differs from that average by
+average of what its parts reflect. In the second, colour and mask are multiplied after filtering: where a
+share t of a texel is metal of colour g and the rest stone of colour s, the result differs from that by
 
     t (1 - t) (g - s) (E / pi - L(r)),
 
-a halo that is brighter than both or duller, greatest in the middle of a border, none where diffuse and mirrored
-light are the same.
+a halo that is brighter than both or duller, greatest in the middle of a border, none where diffuse and
+mirrored light are the same.
 
 In print, and what was done here:
-- The halo is to be mended by a mask that is made smaller or larger near borders, by how much is not said: `grow`.
-  That moves the border instead.
+- The halo is to be mended by a mask that is made smaller or larger near borders, by how much is not said:
+  `grow`. That moves the border instead.
 - F0 of insulators is "the same constant": 0.04, which here is the stone's own value.
 """
 
@@ -79,14 +79,14 @@ def material_workflows(
 ) -> mi.Color3f:
     """Radiance (W m^-2 sr^-1) towards the camera, one colour per pixel.
 
-    workflow   what the textures hold: base and mask ("metallic"), albedo and F0 ("specular"), or "exact": each
-               material is shaded and the results are averaged.
+    workflow   what the textures hold: base and mask ("metallic"), albedo and F0 ("specular"), or "exact":
+               each material is shaded and the results are averaged.
     insulator  F0 of what is no metal.
     """
     surface, inlay, w = view.surface, view.inlay, view.camera.direction
     stone, metal, f0 = mi.Color3f(inlay.stone), mi.Color3f(inlay.metal), mi.Color3f(insulator)
     diffuse = maps.irradiance * dr.inv_pi
-    mirrored = view.environment(dr.fma(-2 * dr.dot(surface.normal, w), surface.normal, w))
+    mirrored = view.environment(w - 2 * dr.dot(surface.normal, w) * surface.normal)
     t = maps.share.eval(surface.uv)[0]
     if workflow == "exact":
         reflected = dr.lerp(stone * diffuse + f0 * mirrored, metal * mirrored, t)
@@ -102,8 +102,11 @@ def material_workflows(
 
 @material_workflows.bake
 def bake(view: View, *, grow: Annotated[int, Sweep(-1, 1, low=-4, high=4)] = 0) -> Textures:
-    """Textures at the level that is read. grow: texels of the finest level by which the mask is larger than the
-    metal in the colour map, smaller where negative."""
+    """Textures at the level that is read.
+
+    grow  texels of the finest level by which the mask is larger than the metal in the colour map, smaller
+          where negative.
+    """
     inlay = view.inlay
     metal = np.asarray(inlay.mask) > 0
     change = binary_dilation if grow > 0 else binary_erosion

@@ -2,9 +2,9 @@ r"""Two materials that share a spot: each reflects as if it were alone, weighted
 
     L = (1 - t) (s E / pi + f L(r)) + t g L(r),
 
-t the share of the metal, s and f the stone's diffuse and specular reflectance, g the metal's, E the irradiance and
-L(r) what comes from the mirrored direction. A formula that reads filtered parameters of one material instead of
-two differs from it by `halo`.
+t the share of the metal, s and f the stone's diffuse and specular reflectance, g the metal's, E the
+irradiance and L(r) what comes from the mirrored direction. A formula that reads filtered parameters of one
+material instead of two differs from it by `halo`.
 """
 
 from __future__ import annotations
