@@ -38,7 +38,6 @@ from scipy.ndimage import binary_dilation, binary_erosion
 
 from approximations.contract import (
     FILTERED_PARAMETERS,
-    LINEAR_IN_LIGHT,
     Domain,
     Sweep,
     exact_when,
@@ -67,7 +66,7 @@ class Textures:
     on=(MaterialBorder,),
     replaces="average of what metal and stone within a texel reflect",
     neglects=(FILTERED_PARAMETERS,),
-    claims=(LINEAR_IN_LIGHT, exact_when("MaterialBorder", 2e-3, knobs={"workflow": "specular"})),
+    claims=(exact_when("MaterialBorder", 2e-3, knobs={"workflow": "specular"}),),
     stress={"MaterialBorder": ("contrast", "turn")},
 )
 def material_workflows(
