@@ -281,6 +281,19 @@ class Fragments:
 
 
 @dataclass(frozen=True)
+class Inlay:
+    """Two materials in one texture: mask (n, n), 1 where a texel is metal, row 0 at v = 0; the mip level that
+    the texture unit reads; the stone's diffuse reflectance, the metal's specular one, colours in 0..1; and
+    the specular reflectance of the stone."""
+
+    mask: Any
+    level: int
+    stone: tuple[float, float, float]
+    metal: tuple[float, float, float]
+    dielectric: float
+
+
+@dataclass(frozen=True)
 class View:
     """What a real-time renderer has of a scene. Parts that a scene lacks are None or empty.
 
@@ -309,6 +322,7 @@ class View:
     fragments: Fragments | None = None
     solids: tuple[Solid, ...] = ()
     bounds: tuple[Any, Any] | None = None  # lower and upper corner of what a volume has to cover, m
+    inlay: Inlay | None = None
     visible: Callable[[Any, Any, Any], Any] | None = None
     trace: Callable[[Any, Any], Any] | None = None
     gather: Callable[[Any, Any, int], Any] | None = None

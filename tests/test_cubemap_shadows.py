@@ -63,7 +63,7 @@ def test_closed_forms_agree_with_shadow_rays(check):
 
 def cube(texels, half=1.0):
     corner = mi.Point3f(half)
-    return shadow_cube(texels, mi.Point3f(0), (-corner, corner), bits=None)
+    return shadow_cube(texels, mi.Point3f(0), (-corner, corner), steps=None)
 
 
 def test_a_lookup_leaves_the_box_where_the_ray_does(rng):
@@ -130,7 +130,7 @@ def test_levels_keep_the_mean_of_alpha():
 def test_eight_bits_round_to_a_255th():
     w = texel_directions(16)[0]
     alpha = dr.select(w.x > 0.7, mi.Float(1), 0)
-    fine, coarse = (np.array(shadow_cube(alpha, 0, (0, 0), bits=b).cube.texels) for b in (None, 8))
+    fine, coarse = (np.array(shadow_cube(alpha, 0, (0, 0), steps=b).cube.texels) for b in (None, 255))
     assert 0 < np.abs(fine - coarse).max() <= 0.5 / 255 + 1e-6
     np.testing.assert_allclose(coarse * 255, np.round(coarse * 255), atol=1e-4)
 

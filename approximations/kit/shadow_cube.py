@@ -22,6 +22,8 @@ from approximations.kit.cube_map import CubeMap, cube_map, lookup, mip_chain, te
 from approximations.kit.sampling import GOLDEN_ANGLE
 from scenes.contract import Sun
 
+BYTE = 255
+"""Steps of 8 bits."""
 LEAST = 1e-6
 """Of a component of L: no fragment divides 0 by 0 in the plane of a wall."""
 
@@ -69,13 +71,12 @@ def walls_box(centre: mi.Point3f, w: mi.Vector3f, t: mi.Float) -> tuple[mi.Point
 
 
 def shadow_cube(
-    texels: Any, centre: mi.Point3f, box: tuple[Any, Any], *, bits: int | None, power: float = 1.0
+    texels: Any, centre: mi.Point3f, box: tuple[Any, Any], *, steps: int | None, power: float = 1.0
 ) -> ShadowCube:
-    """With all mips, rounded to so many bits (None for float32) and raised to a power, which decodes."""
+    """With all mips, in so many even steps (None for float32) and raised to a power, which decodes."""
     levels = mip_chain(texels)
-    if bits:
-        top = 2.0**bits - 1
-        levels = [dr.power(dr.round(level * top) / top, power) for level in levels]
+    if steps:
+        levels = [dr.power(dr.round(level * steps) / steps, power) for level in levels]
     face = round((dr.width(texels) / 6) ** 0.5)
     return ShadowCube(cube_map(levels), centre, *box, face)
 

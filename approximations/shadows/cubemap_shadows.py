@@ -45,7 +45,7 @@ from approximations.contract import (
     technique,
 )
 from approximations.kit.cube_map import lookup
-from approximations.kit.shadow_cube import ShadowCube, sees, shadow_cube, sun_mean, walls_box
+from approximations.kit.shadow_cube import BYTE, ShadowCube, sees, shadow_cube, sun_mean, walls_box
 from scenes.contract import LIGHT_VISIBILITY, Scene, View
 from scenes.window_room import PillarRoom, WindowRoom
 
@@ -128,7 +128,7 @@ def bake(
     w, t = sees(view.trace, centre, face)
     box = walls_box(centre, w, t) if proxy == "exact" else (low, high)
     alpha = dr.select(dr.isfinite(t), mi.Float(1), 0)
-    return shadow_cube(alpha, centre, box, bits=8 if storage == "8 bit" else None)
+    return shadow_cube(alpha, centre, box, steps=BYTE if storage == "8 bit" else None)
 
 
 @cubemap_shadows.domain

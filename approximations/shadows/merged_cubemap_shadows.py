@@ -33,7 +33,7 @@ from approximations.contract import (
     exact_when,
     technique,
 )
-from approximations.kit.shadow_cube import ShadowCube, sees, shadow_cube, sun_mean
+from approximations.kit.shadow_cube import BYTE, ShadowCube, sees, shadow_cube, sun_mean
 from scenes.contract import LIGHT_VISIBILITY, Scene, View
 from scenes.window_room import BallRoom
 
@@ -150,7 +150,7 @@ def bake(view: View, *, face: Annotated[int, Sweep(128, low=2, high=2048)] = 512
     low, high = view.bounds
     centre = 0.5 * (low + high)
     _, t = sees(view.trace, centre, face)
-    return shadow_cube(dr.select(dr.isfinite(t), mi.Float(1), 0), centre, (low, high), bits=8)
+    return shadow_cube(dr.select(dr.isfinite(t), mi.Float(1), 0), centre, (low, high), steps=BYTE)
 
 
 @merged_cubemap_shadows.domain

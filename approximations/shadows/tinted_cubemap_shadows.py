@@ -36,7 +36,7 @@ from approximations.contract import (
     exact_when,
     technique,
 )
-from approximations.kit.shadow_cube import ShadowCube, sees, shadow_cube, sun_mean
+from approximations.kit.shadow_cube import BYTE, ShadowCube, sees, shadow_cube, sun_mean
 from scenes.contract import LIGHT_VISIBILITY, Scene, View
 from scenes.window_room import StainedRoom
 
@@ -111,10 +111,10 @@ def bake(
         wall = dr.sum(view.surface.albedo, axis=1) / mi.Float(dr.count(view.surface.valid))
         tau = dr.select(dr.isfinite(t), mi.Color3f(wall), tau)
     code = 1 / GAMMA if averaged == "encoded" else 1.0
-    coloured = shadow_cube(dr.power(tau, code), centre, (low, high), bits=8, power=1 / code)
+    coloured = shadow_cube(dr.power(tau, code), centre, (low, high), steps=BYTE, power=1 / code)
     if stored == "premultiplied":
         return (coloured,)
-    return coloured, shadow_cube(alpha, centre, (low, high), bits=8)
+    return coloured, shadow_cube(alpha, centre, (low, high), steps=BYTE)
 
 
 @tinted_cubemap_shadows.domain

@@ -100,7 +100,9 @@ def direct(scene: Scene, size: int, samples: int, seed: int) -> np.ndarray:
             total += _from_light(view, p, light, rng) / samples
         if sun is not None and sun.angular_radius > 0:
             least, towards = np.cos(sun.angular_radius), mi.Frame3f(mi.Vector3f(sun.direction))
-            w = np.array(towards.to_world(mi.warp.square_to_uniform_cone(_two(rng), float(least))), np.float64)
+            w = np.array(
+                towards.to_world(mi.warp.square_to_uniform_cone(_two(rng), float(least))), np.float64
+            )
             total += 2 * np.pi * (1 - least) * sun.radiance * _arrives(view, p, w, endless) / samples
         if view.sky is not None or view.environment is not None:
             w = mi.Frame3f(view.surface.normal).to_world(mi.warp.square_to_uniform_hemisphere(_two(rng)))
