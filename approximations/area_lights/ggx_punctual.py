@@ -37,17 +37,17 @@ from approximations.contract import (
     exact_when,
     technique,
 )
-from approximations.kit import ggx
-from approximations.kit.ggx import correlated, dielectric, schlick, schlick_masking, separable
+from approximations.kit.ggx import (
+    correlated,
+    dielectric,
+    distribution,
+    distribution_by_sine,
+    schlick,
+    schlick_masking,
+    separable,
+)
 from scenes.contract import DIRECT_RADIANCE, Scene, View
 from scenes.point_lit import PointLitBall
-
-MASKING = {
-    "separable": separable,
-    "correlated": correlated,
-    "schlick": schlick_masking,
-    "none": lambda nl, nv, a: 1,
-}
 
 
 @technique(
@@ -104,7 +104,7 @@ def ggx_punctual(
         h = dr.normalize(l + v)
         vh, nl = dr.dot(v, h), dr.maximum(dr.dot(n, l), 0)
         d = density(n, h, a, distribution, precision)
-        g = MASKING[masking](nl, nv, a)
+        g = unmasked(nl, nv, a, masking)
         f = surface.specular if fresnel == "none" else reflectance(surface.specular, vh)
         lobe = d * g * f / (4 * nv)
         lit = (surface.albedo * dr.inv_pi * nl + dr.select(nl > 0, lobe, 0)) / dr.squared_norm(to)
@@ -139,8 +139,17 @@ def density(n: mi.Vector3f, h: mi.Vector3f, a: mi.Float, form: str, precision: s
         half, vector = dr.float16_array_t(mi.Float), dr.float16_array_t(mi.Vector3f)
         n, h, a = vector(n), vector(h), half(a)
     if form == "sine":
-        return mi.Float(ggx.distribution_by_sine(n, h, a))
-    return mi.Float(ggx.distribution(dr.dot(n, h), a))
+        return mi.Float(distribution_by_sine(n, h, a))
+    return mi.Float(distribution(dr.dot(n, h), a))
+
+
+def unmasked(nl: mi.Float, nv: mi.Float, a: mi.Float, form: str) -> mi.Float:
+    """G, the share of the surface that both light and eye see."""
+    if form == "none":
+        return mi.Float(1)
+    if form == "correlated":
+        return correlated(nl, nv, a)
+    return separable(nl, nv, a) if form == "separable" else schlick_masking(nl, nv, a)
 
 
 def arrays(view: View) -> tuple[mi.Vector3f, mi.Color3f]:

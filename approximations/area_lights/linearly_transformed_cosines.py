@@ -90,7 +90,7 @@ def linearly_transformed_cosines(
     *,
     lobe: Literal["fitted", "exact"] = "fitted",
     horizon: Literal["clipped", "both", "sphere", "none"] = "clipped",
-    edges: Annotated[int, Sweep(6, 12, 24, low=3, high=64)] = 24,
+    edges: Annotated[int, Sweep(6, 16, low=3, high=64)] = 16,
     lookup: Literal["perpendicular", "along F", "mean"] = "perpendicular",
 ) -> mi.Color3f:
     """Radiance (W m^-2 sr^-1) towards the camera, one colour per pixel.
