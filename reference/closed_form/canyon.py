@@ -51,10 +51,8 @@ def first_hits(scene: Canyon, o: np.ndarray, w: np.ndarray) -> tuple[np.ndarray,
         with np.errstate(divide="ignore", invalid="ignore"):
             t = (at - o[axis]) / w[:, axis]
             p = o + t[:, None] * w
-            if axis == 0:
-                on = (p[:, 2] > 0) & (p[:, 2] < depth)
-            else:
-                on = (np.abs(p[:, 0]) > half) == (at > 0)
+            upright = (p[:, 2] > 0) & (p[:, 2] < depth)
+            on = upright if axis == 0 else (np.abs(p[:, 0]) > half) == (at > 0)
             here = (t > 0) & (t < nearest) & on & (np.abs(p[:, :2]) < scene.FAR * (1 + 1e-9)).all(axis=1)
         nearest = np.where(here, t, nearest)
         normals[here] = normal
