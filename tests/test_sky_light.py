@@ -194,10 +194,10 @@ def test_a_chart_leads_back_to_the_points_that_the_camera_sees(scene):
 
 def test_finer_maps_come_nearer_to_apertures_of_every_pixel():
     view = Terrain(amplitude=1.0).view(32)
-    pixel = np.array(aperture_map.aperture_map(view, aperture_map.bake(view, place="exact", rays=512)))
+    pixel = np.array(aperture_map.aperture_map(view, aperture_map.bake(view, place="exact", rays=128)))
 
     def off(side):
-        found = aperture_map.aperture_map(view, aperture_map.bake(view, side=side, rays=512))
+        found = aperture_map.aperture_map(view, aperture_map.bake(view, side=side, rays=128))
         return np.sqrt(np.mean((np.array(found) - pixel) ** 2)) / pixel.mean()
 
     coarse, middle, fine = (off(side) for side in (6, 24, 96))
