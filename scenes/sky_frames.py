@@ -28,7 +28,7 @@ class SkyFrames(Sky):
     """
 
     SUN_RADIUS = 0.03  # rad
-    ROWS = 1024
+    ROWS = 512
 
     def sun(self) -> Sun:
         """The disk in front of the sky."""

@@ -194,10 +194,10 @@ def test_a_chart_leads_back_to_the_points_that_the_camera_sees(scene):
 
 def test_finer_maps_come_nearer_to_apertures_of_every_pixel():
     view = Terrain(amplitude=1.0).view(32)
-    pixel = np.array(aperture_map.aperture_map(view, aperture_map.bake(view, place="exact", rays=512)))
+    pixel = np.array(aperture_map.aperture_map(view, aperture_map.bake(view, place="exact", rays=128)))
 
     def off(side):
-        found = aperture_map.aperture_map(view, aperture_map.bake(view, side=side, rays=512))
+        found = aperture_map.aperture_map(view, aperture_map.bake(view, side=side, rays=128))
         return np.sqrt(np.mean((np.array(found) - pixel) ** 2)) / pixel.mean()
 
     coarse, middle, fine = (off(side) for side in (6, 24, 96))
@@ -287,9 +287,8 @@ def test_open_ground_under_a_linear_sky_gets_two_thirds_of_its_slope():
     for ambient, within in {"convolved": 0.02, "exact": 0.02}.items():
         found = np.array(bent_normal_sky.bent_normal_sky(view, baked, ambient=ambient))[0][hit]
         assert found == pytest.approx(exact, rel=within)
-    assert np.array(bent_normal_sky.bent_normal_sky(view, baked))[0][hit].mean() == pytest.approx(
-        2 * ALBEDO, rel=0.08
-    )
+    printed = np.array(bent_normal_sky.bent_normal_sky(view, baked))[0][hit].mean()
+    assert printed == pytest.approx(2 * ALBEDO, rel=0.08)
 
 
 def test_the_sun_reaches_what_no_surface_hides():

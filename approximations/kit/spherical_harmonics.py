@@ -31,7 +31,7 @@ def irradiance(coefficients: list[Any]) -> list[Any]:
     return [COSINE[math.isqrt(i)] * c for i, c in enumerate(coefficients)]
 
 
-def project(radiance: Callable[[mi.Vector3f], Any], bands: int, rows: int = 64) -> list[Any]:
+def project(radiance: Callable[[mi.Vector3f], mi.Color3f], bands: int, rows: int = 64) -> list[mi.Color3f]:
     """Coefficients of a function of direction, by Gauss's rule in z and 2 rows even azimuths."""
     nodes, weights = (mi.Float(x) for x in np.polynomial.legendre.leggauss(rows))
     row, column = dr.meshgrid(dr.arange(mi.UInt32, rows), dr.arange(mi.UInt32, 2 * rows))
@@ -40,7 +40,7 @@ def project(radiance: Callable[[mi.Vector3f], Any], bands: int, rows: int = 64) 
     w = mi.Vector3f(s * dr.cos(azimuth), s * dr.sin(azimuth), z)
     weighted = radiance(w) * dr.gather(mi.Float, weights, row) * (dr.pi / rows)
     dr.eval(weighted)
-    coefficients = [dr.sum(weighted * y, axis=-1) for y in dr.sh_eval(w, bands - 1)]
+    coefficients = [dr.sum(weighted * y, axis=1) for y in dr.sh_eval(w, bands - 1)]
     dr.make_opaque(coefficients)
     return coefficients
 

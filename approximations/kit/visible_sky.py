@@ -24,7 +24,7 @@ class VisibleSky:
 
 def visible_sky(view: View, p: mi.Point3f, n: mi.Vector3f, rays: int) -> VisibleSky:
     """Cast `rays` even directions from every point p of normal n, turned at random from point to point."""
-    share, direction, weighted = mean_over_visible(view, p, n, rays, lambda w: [1, w, dr.dot(n, w)])
+    share, direction, weighted = mean_over_visible(view, p, n, rays, lambda w: [mi.Float(1), w, dr.dot(n, w)])
     return VisibleSky(share, direction, 2 * weighted)
 
 
@@ -33,7 +33,7 @@ def mean_over_visible(
 ) -> list[Any]:
     """Means over the hemisphere about n of V(w) times each function of direction in the list `of(w)`."""
     frame, turn = mi.Frame3f(n), random_turn(dr.width(p), seed=1)
-    sums = [mi.Float(0) * x + dr.zeros(mi.Float, dr.width(p)) for x in of(n)]
+    sums = [dr.zeros(type(x), dr.width(p)) for x in of(n)]
 
     def cast(i, sums):
         w = frame.to_world(hemisphere_direction(i, rays, turn))

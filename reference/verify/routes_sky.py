@@ -12,7 +12,7 @@ from reference.verify.checks import Comparison, check
 from reference.verify.routes import SIZE
 from reference.verify.routes_closed_form import compared
 from scenes.contract import DIRECT_RADIANCE, RADIANCE
-from scenes.mitsuba_parts import SUN_DISTANCE
+from scenes.mitsuba_parts import SUN_DISTANCE, environment_light
 from scenes.sky_frames import SkyFrames
 from scenes.terrain import Canyon
 
@@ -20,6 +20,8 @@ REACH = 5.0
 """Of the points seen of a canyon from the origin, m."""
 ENDS = 1e-4
 """Of the sky, that comes in at the ends of a canyon."""
+ROWS = 1024
+"""Of the image of the sky that is compared, which must show its smallest clouds."""
 
 
 @check(
@@ -57,7 +59,8 @@ def sky_against_envmap(seed: int) -> list[Comparison]:
     found = []
     for scene in scenes:
         closed = sky_frames.sky_frame(scene, SIZE)
-        found.append(compared(scene, RADIANCE, closed, seed, 16, between_texels(scene)))
+        description = scene.mitsuba(SIZE) | {"sky": environment_light(scene.radiance, ROWS)}
+        found.append(compared(scene, RADIANCE, closed, seed, 16, between_texels(scene), description))
     return found
 
 
@@ -65,7 +68,7 @@ def between_texels(scene: SkyFrames) -> np.ndarray:
     """Largest error (SIZE, SIZE, 3) of a bilinear look-up: an eighth of the second differences over a texel
     along its two sides; the whole radiance next to the horizon, where the sky ends."""
     w = np.array(sky_frames.mirrored(scene, SIZE), np.float64)
-    h = math.pi / scene.ROWS
+    h = math.pi / ROWS
     east = np.stack([-w[1], w[0], 0 * w[0]]) / np.hypot(w[0], w[1])
     north = np.cross(w, east, axis=0)
 
