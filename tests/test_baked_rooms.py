@@ -7,13 +7,16 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from approximations.ambient.gathered_lightmap import openness
+from approximations.ambient.gathered_lightmap import gathered_lightmap, openness
 from approximations.ambient.irradiance_volume import FRAME, Volume, sample, time_average
 from approximations.ambient.nearest_cube_map import Captured, box_projected
 from approximations.ambient.radiosity_normal_mapping import BASIS, basis_weights
 from approximations.kit.gathered_light import from_lights, meets
 from approximations.kit.light_map import atlas, luxels, place
-from scenes.contract import AreaLight, Chart, View
+from compare.measure import evaluate
+from reference.render import sample as sample_truth
+from scenes.contract import DIRECT_RADIANCE, ONE_BOUNCE, RADIANCE, AreaLight, Chart, View
+from scenes.rooms import ColouredRoom
 
 
 def cone(n, degrees, rng):
@@ -125,3 +128,11 @@ def test_a_ray_meets_the_glowing_side_of_a_light_only():
     o = mi.Point3f([0, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 3, -2, 3])
     d = dr.normalize(mi.Vector3f([0, 0.3, 0, 0, 0], [0, 0, 0, 0, 0], [1, 1, -1, 1, 1]))
     assert np.array(meets(view, light, o, d)).tolist() == [True, False, False, False, False]
+
+
+def test_a_final_gather_is_direct_light_and_its_first_bounce():
+    scene = ColouredRoom()
+    once = sum(sample_truth(scene, q, 24)(100, 1) for q in (DIRECT_RADIANCE, ONE_BOUNCE))
+    settings = gathered_lightmap.settings({"combine": "none"})
+    found = evaluate(gathered_lightmap, scene, RADIANCE, settings, 24)
+    assert np.allclose(found.mean(axis=(0, 1)), once.mean(axis=(0, 1)), rtol=0.02)

@@ -45,8 +45,8 @@ from scenes.rooms import PolishedFloorRoom
 
 EYE_HEIGHT = 1.4  # m, of probes
 LUXEL, PATHS = 0.1016, 64
-LOBE_RAYS, GOLDEN_RATIO = 8, 0.618034
-"""Rays of the exact lobe at each point, and the step that spreads them round it."""
+LOBE_RAYS = 8
+"""Rays of the exact lobe at each point."""
 
 
 @dataclass
@@ -95,7 +95,7 @@ def nearest_cube_map(
     diffuse = surface.albedo * dr.inv_pi * irradiance
     f = surface.specular
     if fresnel == "schlick":
-        f = f + (1 - f) * dr.power(1 - dr.clip(dr.dot(n, v), 0, 1), 5) * dr.select(f > 0, mi.Color3f(1), 0)
+        f = dr.select(f != 0, f + (1 - f) * dr.power(1 - dr.clip(dr.dot(n, v), 0, 1), 5), 0)
     if parallax == "exact":
         return diffuse + f * lobe_traced(view, world, n, v)
     r = 2 * dr.dot(n, v) * n - v
@@ -122,10 +122,10 @@ def lobe_traced(view: View, world: Captured, n: mi.Vector3f, v: mi.Vector3f) -> 
     frame, lobe = mi.Frame3f(n), mi.MicrofacetDistribution(mi.MicrofacetType.GGX, view.surface.alpha, True)
     wi = frame.to_local(v)
     random = mi.PCG32(size=dr.width(n), initstate=5)
-    s, t, total = random.next_float32(), random.next_float32(), mi.Color3f(0)
+    total = mi.Color3f(0)
     for i in range(LOBE_RAYS):
-        turned = t + i * GOLDEN_RATIO
-        m, _ = lobe.sample(wi, mi.Point2f((s + i) / LOBE_RAYS, turned - dr.floor(turned)))
+        at = mi.Point2f((i + random.next_float32()) / LOBE_RAYS, random.next_float32())
+        m, _ = lobe.sample(wi, at)
         wo = mi.reflect(wi, m)
         kept = dr.select(wo.z > 0, lobe.smith_g1(wo, m), 0) / LOBE_RAYS
         start = mi.Point3f(view.surface.position + LIFT * n)
@@ -159,8 +159,8 @@ def bake(
     for k in range(probes):
         at = (low + high) / 2
         at[row], at[2] = low[row] + (high - low)[row] * (k + 0.5) / probes, EYE_HEIGHT
-        start = mi.Point3f(at) + dr.zeros(mi.Point3f, dr.width(w))
-        found.at.append(mi.Point3f(at))
+        start = mi.Point3f(at)
+        found.at.append(start)
         found.cubes.append(cube_map(mip_chain(halved(seen_along(view, grid, irradiance, start, w)))))
     return found
 

@@ -51,13 +51,13 @@ def from_lights(view: View, p: mi.Point3f, n: mi.Vector3f, edge: int) -> Arrivin
     light is a rectangle."""
     light, count = view.lights[0], edge * edge
     lane, start = _spread(p, n, count)
-    k = lane % count
-    a, b = ((2 * mi.Float(c) + 1) / edge - 1 for c in (k % edge, k // edge))
-    towards = mi.Vector3f(light.centre) + a * mi.Vector3f(light.u) + b * mi.Vector3f(light.v) - start
+    u, v = mi.Vector3f(light.u), mi.Vector3f(light.v)
+    k, corner = lane % count, mi.Vector3f(light.centre) - u - v
+    a, b = ((mi.Float(c) + 0.5) * 2 / edge for c in (k % edge, k // edge))
+    towards = mi.Point3f(corner + a * u + b * v) - start
     far = dr.norm(towards)
     w = towards / far
-    normal = dr.cross(mi.Vector3f(light.u), mi.Vector3f(light.v))
-    leaving = dr.maximum(-dr.dot(normal, w), 0) * 4 / (count * far * far)
+    leaving = dr.maximum(-dr.dot(dr.cross(u, v), w), 0) * 4 / (count * far * far)
     above = dr.dot(dr.gather(mi.Vector3f, mi.Vector3f(n), lane // count), w) > 0
     seen = above & (view.trace(start, w) > 0.999 * far)
     return Arriving(w, dr.select(seen, leaving * mi.Color3f(light.radiance), 0), count)

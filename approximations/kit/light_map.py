@@ -57,7 +57,7 @@ def atlas(charts: tuple[Chart, ...], luxel: float) -> Atlas:
     """Grids of luxels at most `luxel` (m) apart on all charts."""
     u, v = (np.array([getattr(c, e) for c in charts], float) for e in "uv")
     edges = np.stack([np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)])
-    columns, rows = (np.ceil(edges / luxel - 1e-6).astype(np.uint32).clip(1) for edges in edges)
+    columns, rows = (np.ceil(edges / luxel).astype(np.uint32).clip(1) for edges in edges)
     first = np.cumsum(columns * rows) - columns * rows
     return Atlas(
         mi.Point3f(np.array([c.corner for c in charts], np.float32).T.copy()),
@@ -88,10 +88,11 @@ def place(grid: Atlas, p: mi.Point3f, chart: mi.UInt32) -> Place:
     m, n, first = (dr.gather(mi.UInt32, x, chart) for x in (grid.columns, grid.rows, grid.first))
     local = grid.frame(chart).to_local(p - dr.gather(mi.Point3f, grid.corner, chart))
     at = mi.Point2f(local.x, local.y) / dr.gather(mi.Vector2f, grid.edges, chart)
-    x = dr.clip(at.x * mi.Float(m) - 0.5, 0, mi.Float(m - 1))
-    y = dr.clip(at.y * mi.Float(n) - 0.5, 0, mi.Float(n - 1))
+    last_i, last_j = m - 1, n - 1
+    x = dr.clip(at.x * mi.Float(m) - 0.5, 0, mi.Float(last_i))
+    y = dr.clip(at.y * mi.Float(n) - 0.5, 0, mi.Float(last_j))
     i, j = mi.UInt32(x), mi.UInt32(y)
-    right, up = dr.minimum(i + 1, m - 1), dr.minimum(j + 1, n - 1)
+    right, up = dr.minimum(i + 1, last_i), dr.minimum(j + 1, last_j)
     corners = (first + j * m + i, first + j * m + right, first + up * m + i, first + up * m + right)
     return Place(corners, x - mi.Float(i), y - mi.Float(j))
 
