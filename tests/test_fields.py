@@ -340,18 +340,29 @@ def test_blurred_thin_wall_loses_its_inside_in_proportion_to_its_thickness():
 # Merged fields (9.8)
 
 
-def test_star_shaped_field_is_a_distance_along_the_radius():
+def test_star_shaped_and_height_fields_are_distances_along_a_ray():
     box = Solid("box", (0.0, 0.0, 0.0), (0.4, 0.3, 0.5))
-    far = ([-1.5] * 3, [1.5] * 3)
-    p = [[0.9, 0, 0], [0.8, 0.4, 0.0], [0, 0, -1.2], [-0.75, 0.3, 0.1]]
-    view = receivers(p, p, (box,), far)
-    radius = [0.4, 0.4 * math.hypot(0.8, 0.4) / 0.8, 0.5, 0.4 / 0.75 * math.sqrt(0.75**2 + 0.3**2 + 0.1**2)]
-    expected = np.linalg.norm(p, axis=1) - radius
-    slope = np.array([1, 0.8 / math.hypot(0.8, 0.4), 1, 0.75 / math.sqrt(0.75**2 + 0.3**2 + 0.1**2)])
-    for field, factor in (("star", 1), ("star cosine", slope)):
-        knobs = {"padding": 4.0, "resolution": 96}
-        found = np.array(merged_fields(view, bake_locals(view, field=field), **knobs))
-        np.testing.assert_allclose(found, factor * expected, atol=0.02)
+    p = [[0.9, 0, 0], [0.8, 0.4, 0.0], [0, 0, -1.2], [-0.75, 0.3, 0.1], [0.1, -0.1, 0.8]]
+    view = receivers(p, p, (box,), ([-1.5] * 3, [1.5] * 3))
+    knobs = {"padding": 4.0, "resolution": 96}
+    length = np.linalg.norm(p, axis=1)
+    radius = (np.array(box.half) / np.maximum(np.abs(p), 1e-9)).min(axis=1) * length
+    star = np.array(merged_fields(view, bake_locals(view, field="star"), **knobs))
+    np.testing.assert_allclose(star, length - radius, atol=0.03)
+    height = np.array(merged_fields(view, bake_locals(view, field="height"), **knobs))
+    np.testing.assert_allclose(height[[0, 2, 4]], [0.5, 0.7, 0.3], atol=0.03)
+
+
+def test_spread_of_the_radius_is_the_cosine_of_its_slope():
+    box = Solid("box", (0.0, 0.0, 0.0), (0.4, 0.4, 0.4))
+    p = [[0.8, 0.4, 0.0], [0.8, 0.0, -0.4], [0.1, 0.9, 0.1]]
+    view = receivers(p, p, (box,), ([-1.5] * 3, [1.5] * 3))
+    plain, narrowed = (
+        np.array(merged_fields(view, bake_locals(view, field="star", width=w), padding=4.0))
+        for w in ("none", "spread")
+    )
+    cosine = np.abs(p).max(axis=1) / np.linalg.norm(p, axis=1)
+    np.testing.assert_allclose(narrowed / plain, cosine, atol=0.06)
 
 
 def test_field_steps_at_the_border_of_a_padded_box():

@@ -7,19 +7,25 @@ SIGGRAPH 2006 Course 26, chapter 9.8. phi is positive outside.
     local   phi_i of the object at those cells
     merge   phi = min(phi, phi_i): the union; exact outside, inside an overlap only a bound
 
-Local fields by kind of object:
+Local fields by kind of object, in its own axes:
 
-    analytic     box and ball in closed form; what is larger than LARGE, such as a floor, always is
-    volume       a 32^3 volume over the padded box, baked once
-    star         a star-shaped body by its radius in each direction: r - R(w), a distance along the radius
-    star cosine  the same times the cosine of the slope, n . w: right to first order at the surface
+    analytic  box and ball in closed form; what is larger than LARGE, such as a floor, always is
+    volume    a 32^3 volume over the padded box, baked once
+    star      a star-shaped body by its radius in each direction: phi_i = r - E[R](w)
+    height    two height fields back to back: phi_i = |z| - E[Z](x, y)
+
+E is the mean of a blurred map. Its square blurred as well gives the spread, which flattens the falloff.
 
 In print, and what was done here:
 - With the text's sign (positive inside) the `min` of the blend is an intersection, and with the cleared
   volume it is empty: far everywhere. `merge="max"` is that in phi.
-- The radius map of 32 x 32 x 6 texels is blurred with its square, and the spread of the radius sets the width
-  of the falloff by a formula that is not given; here the slope of r - R is kept at 1, or at n . w.
-- The octants of a ball or a box are alike, so that a quarter of three faces of the radius map is kept.
+- How the spread sets the width of the falloff is not given. Over a blur of width w a surface of slope g has
+  the spread g w, and its distance is 1 / sqrt(1 + g^2) of that along the ray: `width="spread"` multiplies by
+  it. At the outline of a height field, a cliff, that draws curtains.
+- Radius and height are distances along a ray, not to the surface: too long where the surface is steep.
+- A height field has no sides: beyond the outline the map holds minus the greatest height.
+- The octants of a ball or a box are alike, so that a quarter of three faces of the 32 x 32 x 6 radius map is
+  kept.
 - Slices of the boxes are rasterised; here a cell is drawn where its centre lies in the padded box.
 - Beyond its padded box an object has no effect: the field steps from `padding` to far there. What far is is
   not said: `clear` offers the range of -1 to 1 that the volumes have, and the padding.
@@ -32,6 +38,8 @@ from typing import Annotated, Literal
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from scipy import ndimage
 
 from approximations.contract import (
     HIDDEN_GEOMETRY,
@@ -42,20 +50,22 @@ from approximations.contract import (
     technique,
 )
 from approximations.kit.solids import distance_to, local_point
-from approximations.kit.volume import Grid, Volume, as_volume, cell_centres, grid_over, look_up
+from approximations.kit.volume import Grid, Volume, as_volume, cell_centres, grid_over, look_up, look_up_all
 from scenes.contract import DISTANCE, Scene, Solid, View
 from scenes.fields import SolidsUnderSky
 
 FACE = 16  # texels along half the edge of a face of the radius map
+BLUR = 1.0  # width of the maps' Gaussian blur, texels
+REACH = 0.5  # m round an object that its own volume and height map hold
 LARGE = 10.0  # m: larger bodies are analytic
 
 
 @dataclass
 class Local:
-    """An object's own field, in its axes: a volume, or the faces of its radius map; neither if analytic."""
+    """An object's own field: its kind, and the volume or the map (mean, slope) that it is read from."""
 
-    volume: Volume | None = None
-    faces: mi.Texture3f | None = None
+    kind: str
+    map: Volume | None = None
 
 
 @technique(
@@ -96,16 +106,17 @@ def merged_fields(
 def _own_field(solid: Solid, own: Local, p: mi.Point3f) -> mi.Float:
     """phi_i at p."""
     q = local_point(solid, p)
-    if own.volume:
-        return look_up(own.volume, mi.Point3f(q))
-    if own.faces:
-        radius, slope = own.faces.eval(_on_faces(q))
-        return (dr.norm(q) - radius) * slope
-    return distance_to(solid, p)
+    if own.kind == "analytic":
+        return distance_to(solid, p)
+    if own.kind == "volume":
+        return look_up(own.map, mi.Point3f(q))
+    along, at = (dr.norm(q), _on_faces(q)) if own.kind == "star" else (dr.abs(q.z), mi.Point3f(q.x, q.y, 0))
+    mean, slope = look_up_all(own.map, at)
+    return (along - mean) * slope
 
 
 def _on_faces(q: mi.Vector3f) -> mi.Point3f:
-    """Texture coordinates of a direction on the faces of a radius map, one layer each: x, y, z."""
+    """Place of a direction on the faces of a radius map over the unit cube, one layer each: x, y, z."""
     a = dr.abs(q)
     x, y = (a.x >= a.y) & (a.x >= a.z), a.y >= a.z
     major, u, v = (
@@ -118,38 +129,69 @@ def _on_faces(q: mi.Vector3f) -> mi.Point3f:
 
 @merged_fields.bake
 def bake(
-    view: View, *, field: Literal["analytic", "volume", "star", "star cosine"] = "analytic"
+    view: View,
+    *,
+    field: Literal["analytic", "volume", "star", "height"] = "analytic",
+    width: Literal["none", "spread"] = "none",
 ) -> tuple[Local, ...]:
-    """The objects' own fields, in m."""
-    make = {"volume": _own_volume, "star": _radius_map, "star cosine": _radius_map}.get(field)
-    return tuple(make(solid, field) if make and max(solid.half) < LARGE else Local() for solid in view.solids)
+    """The objects' own fields, in m.
+
+    field  how each is kept
+    width  of the falloff of the last two: 1, or less where the map varies
+    """
+    make = {"volume": _own_volume, "star": _radius_map, "height": _height_map}.get(field)
+    return tuple(
+        Local(field, make(solid, width)) if make and max(solid.half) < LARGE else Local("analytic")
+        for solid in view.solids
+    )
 
 
-def _own_volume(solid: Solid, field: str) -> Local:
-    """32 cells along the longest edge of a box that leaves room for a range of influence of 0.5 m."""
-    reach = [h + 0.5 for h in solid.half]
+def _own_volume(solid: Solid, width: str) -> Volume:
+    """32 cells along the longest edge of the box with REACH."""
+    reach = [h + REACH for h in solid.half]
     grid = grid_over(([-r for r in reach], reach), 32)
-    q = cell_centres(grid)
-    upright = Solid(solid.shape, (0.0, 0.0, 0.0), solid.half)
-    return Local(volume=as_volume(grid, distance_to(upright, q)))
+    return as_volume(grid, distance_to(Solid(solid.shape, (0.0, 0.0, 0.0), solid.half), cell_centres(grid)))
 
 
-def _radius_map(solid: Solid, field: str) -> Local:
-    """Radius and cosine of the slope in the directions of the texels of three faces."""
-    grid = Grid((0.0, 0.0, 0.0), 1.0, (3, FACE, FACE))
-    texel = cell_centres(grid)
-    u, v = texel.x / FACE, texel.y / FACE
-    x, y, z = mi.Vector3f(1, u, v), mi.Vector3f(v, 1, u), mi.Vector3f(u, v, 1)
-    w = dr.normalize(dr.select(texel.z < 1, x, dr.select(texel.z < 2, y, z)))
+def _radius_map(solid: Solid, width: str) -> Volume:
+    """Radius in the directions of the texels of a quarter of three faces; a texel is taken to be 1 / FACE
+    of the radius wide."""
+    grid = Grid((0.0, 0.0, 0.0), 1 / FACE, (3, FACE, FACE))
+    v, u = (np.indices((FACE, FACE)) + 0.5) / FACE
+    one = np.ones_like(u)
+    faces = np.stack([(one, u, v), (v, one, u), (u, v, one)])
+    w = faces / np.linalg.norm(faces, axis=1, keepdims=True)
+    radius = np.full(grid.shape, solid.half[0])
+    if solid.shape == "box":
+        radius = np.min(np.reshape(solid.half, (1, 3, 1, 1)) / w, axis=1)
+    volume = _mean_and_slope(grid, radius, radius / FACE, width)
+    volume.span = mi.Vector3f(1)
+    return volume
+
+
+def _height_map(solid: Solid, width: str) -> Volume:
+    """Height over the plane z = 0 of the object's own axes, 32 x 32 texels."""
+    reach = max(solid.half[:2]) + REACH
+    cell = 2 * reach / 32
+    y, x = (np.indices((1, 32, 32))[1:] + 0.5) * cell - reach
+    hx, hy, hz = solid.half
     if solid.shape == "ball":
-        radius, slope = dr.full(mi.Float, solid.half[0], dr.width(w)), mi.Float(1)
+        squared = hz**2 - x**2 - y**2
+        height = np.where(squared > 0, np.sqrt(np.maximum(squared, 0)), -hz)
     else:
-        to_side = mi.Vector3f(solid.half) / w
-        radius = dr.min(to_side)
-        slope = dr.max(dr.select(to_side <= radius, w, 0))
-    if field == "star":
-        slope = mi.Float(1)
-    return Local(faces=as_volume(grid, dr.ravel(mi.Vector2f(radius, slope))).texture)
+        height = np.where((np.abs(x) < hx) & (np.abs(y) < hy), hz, -hz)
+    return _mean_and_slope(Grid((-reach, -reach, 0.0), cell, (1, 32, 32)), height, cell, width)
+
+
+def _mean_and_slope(grid: Grid, values: np.ndarray, texel: np.ndarray | float, width: str) -> Volume:
+    """The blurred map, and beside it 1 or 1 / sqrt(1 + (spread / w)^2), w the width of the blur in m."""
+
+    def blur(a: np.ndarray) -> np.ndarray:
+        return ndimage.gaussian_filter(a, (0, BLUR, BLUR), mode="reflect")
+
+    mean, variance = blur(values), np.maximum(blur(values**2) - blur(values) ** 2, 0)
+    slope = 1 / np.sqrt(1 + variance / (BLUR * texel) ** 2) if width == "spread" else np.ones_like(mean)
+    return as_volume(grid, np.stack([mean, slope], axis=-1))
 
 
 @merged_fields.domain
