@@ -147,7 +147,7 @@ def filtered(
     taps = dr.width(offsets)
 
     def tap(i, lit):
-        at = ab + width * turned(dr.gather(mi.Vector2f, offsets, i), turn)
+        at = dr.fma(width, turned(dr.gather(mi.Vector2f, offsets, i), turn), ab)
         least = (frustum.plane(p, n, at) if plane else z) - bias
         if bilinear:
             seen = sum(dr.select(stored >= least, w, 0) for stored, w in frustum.fetch_four(at, zero))

@@ -184,7 +184,7 @@ def accumulated(
 ) -> mi.Float | mi.Color3f:
     """The running mean of frame(y_k - x, whether x sees y_k) over all points (3.2.2)."""
     light, p = view.lights[0], view.surface.position
-    eyes = mi.Point3f(light.centre + points.x * light.u + points.y * light.v)
+    eyes = dr.fma(points.x, light.u, dr.fma(points.y, light.v, mi.Vector3f(light.centre)))
     if visibility == "map":
         maps = render(view.trace, eyes, light.u, *bounds(view.surface), size=map_size)
 

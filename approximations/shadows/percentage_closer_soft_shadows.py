@@ -131,7 +131,7 @@ def map_blockers(
     width = (1 / search - 1) / z_r
 
     def tap(i, count, total):
-        at = ab + width * turned(dr.gather(mi.Vector2f, points.search, i), points.turn)
+        at = dr.fma(width, turned(dr.gather(mi.Vector2f, points.search, i), points.turn), ab)
         stored = frustum.fetch(at, zero)
         nearer = stored < (frustum.plane(p, n, at) if plane else z_r) - bias
         return i + 1, count + dr.select(nearer, mi.Float(1), 0), total + dr.select(nearer, stored, 0)
@@ -148,7 +148,7 @@ def ray_blockers(view: View, points: mi.Vector2f) -> tuple[mi.Bool, mi.Float]:
     def ray(i, count, total):
         l = dr.gather(mi.Vector2f, points, i)
         start = p + 1e-3 * n
-        towards = light.centre + l.x * u + l.y * v - start
+        towards = dr.fma(l.x, u, dr.fma(l.y, v, mi.Vector3f(light.centre))) - start
         far = dr.norm(towards)
         t = view.trace(start, towards / far)
         z = dr.dot(start + t / far * towards - light.centre, axis)
