@@ -48,7 +48,7 @@ from approximations.contract import (
 )
 from approximations.kit.point_sets import best_candidates, random_points
 from approximations.kit.running_mean import Format, updated
-from approximations.kit.shadow_map import bounds, render
+from approximations.kit.shadow_map import bounds, light_point, render
 from scenes.contract import DIRECT_RADIANCE, LIGHT_VISIBILITY, AreaLight, Scene, View
 from scenes.shadow_casters import HalfPlane, PoleAndBars
 
@@ -184,7 +184,7 @@ def accumulated(
 ) -> mi.Float | mi.Color3f:
     """The running mean of frame(y_k - x, whether x sees y_k) over all points (3.2.2)."""
     light, p = view.lights[0], view.surface.position
-    eyes = dr.fma(points.x, light.u, dr.fma(points.y, light.v, mi.Vector3f(light.centre)))
+    eyes = light_point(light, points)
     if visibility == "map":
         maps = render(view.trace, eyes, light.u, *bounds(view.surface), size=map_size)
 
