@@ -21,8 +21,8 @@ In print, and what was done here:
 - Large lights may be taken from the middle outwards. A set that is complete does not care about its order;
   one that is stopped early (`finished` below 1) then holds only the inner share of the light.
 - Buffers of 8 bits up to float32 are shown; their formats are options, without the tone mapping before them.
-- Where the frame stands for the viewer's wait, its cost is the cost given here over `frames`; the cost given
-  is of all of them.
+- The cost of a frame that is reported is that of all `frames` together: what the viewer waits for. Each
+  picture on the way costs that over `frames`.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def bake(
     frames    how many are averaged.
     finished  share that they are of the set.
     kernel    a set that keeps apart, the middle first, or independent points.
-    order     of the points after the middle: at "random", or by distance from it.
+    order     of the points after the middle: "shuffled", or by distance from it.
     """
     planned = int(np.ceil(frames / finished))
     shape = "square" if view.lights[0].shape == "rectangle" else "disk"
