@@ -27,12 +27,14 @@ def openness_against_rays(seed: int) -> list[Comparison]:
     for scene in (Occluders(), Occluders(camera_elevation=15.0, pole=0.1)):
         cast = Sampled.of([sky_visibility(scene, SIZE, SAMPLES, s) for s in seeds(seed, 1)])
         own = Sampled.of([openness(scene, np.random.default_rng(s)) for s in seeds(seed, 0)])
-        found.append(Comparison(name(scene, SKY_VISIBILITY), cast, own, np.full_like(own.mean, FLOAT32 + 1e-3)))
+        found.append(
+            Comparison(name(scene, SKY_VISIBILITY), cast, own, np.full_like(own.mean, FLOAT32 + 1e-3))
+        )
     return found
 
 
 def openness(scene: Occluders, rng: np.random.Generator) -> np.ndarray:
-    """(SIZE, SIZE, 1): the share of SAMPLES cosine-weighted rays that meet nothing, 1 where the eye's does."""
+    """(SIZE, SIZE, 1): share of SAMPLES cosine-weighted rays that meet nothing, 1 where the eye's does."""
     known = shapes(scene.surfaces())
     o, w = eye_rays(scene.sensor(SIZE), SIZE, SAMPLES, rng)
     t, n, _ = first_hits(known, o, w)
