@@ -53,7 +53,7 @@ from scenes.occluders import Occluders
 )
 def hbao(
     view: View,
-    turn: mi.Float,
+    noise: mi.Vector2f,
     *,
     radius: Annotated[float, Sweep(0.4, 1.5, low=0.001, high=100)] = 1.5,
     lines: Annotated[int, Sweep(2, 4, low=1, high=64)] = 4,
@@ -67,7 +67,7 @@ def hbao(
     steps   samples in a direction.
     bias    elevation over the tangent plane below which nothing occludes, rad.
     """
-    march = Lines(view, radius, steps, turn)
+    march = Lines(view, radius, steps, noise)
 
     def side(t: mi.Vector3f, along: mi.Vector2f) -> mi.Float:
         lift = dr.atan2(-dr.dot(march.n, t), dr.maximum(dr.dot(march.n, march.v), 1e-3))
@@ -97,7 +97,7 @@ def hbao(
 )
 def gtao(
     view: View,
-    turn: mi.Float,
+    noise: mi.Vector2f,
     *,
     radius: Annotated[float, Sweep(0.4, 1.5, low=0.001, high=100)] = 1.5,
     lines: Annotated[int, Sweep(2, 4, low=1, high=64)] = 4,
@@ -111,7 +111,7 @@ def gtao(
     steps    samples in a direction.
     falloff  what lies within R counts in full, or fades over the last 40 % of it ("end").
     """
-    march = Lines(view, radius, steps, turn)
+    march = Lines(view, radius, steps, noise)
 
     def highest(sine, distance, top):
         if falloff == "end":
@@ -139,26 +139,28 @@ def arc(h: mi.Float, g: mi.Float) -> mi.Float:
 
 @hbao.bake
 @gtao.bake
-def bake(view: View) -> mi.Float:
-    """An angle per pixel."""
-    return random_turn(view.width * view.height, seed=1)
+def bake(view: View) -> mi.Vector2f:
+    """Two angles per pixel: one turns its lines, the other moves the samples along them."""
+    pixels = view.width * view.height
+    return mi.Vector2f(random_turn(pixels, seed=1), random_turn(pixels, seed=2))
 
 
 class Lines:
     """Straight lines on the screen through every pixel; lanes are pixels."""
 
-    def __init__(self, view: View, radius: float, steps: int, turn: mi.Float) -> None:
+    def __init__(self, view: View, radius: float, steps: int, noise: mi.Vector2f) -> None:
         self.buffer: DepthBuffer = depth_buffer(view)
         self.valid, self.x, self.n = view.surface.valid, view.surface.position, view.surface.normal
         self.v = dr.normalize(self.buffer.eye - self.x)
-        self.lanes, self.radius, self.steps, self.turn = dr.width(self.x), radius, steps, turn
+        self.lanes, self.radius, self.steps = dr.width(self.x), radius, steps
+        self.turn, self.start = 0.5 * noise.x, 0.5 * noise.y / dr.pi
         self.at, z = self.buffer.project(self.x)
         self.reach = self.buffer.pixels(radius, z)
 
     def lines(self, count: int) -> list[tuple[mi.Vector3f, mi.Vector2f]]:
         """For each line, T and its direction on the screen."""
         right, down = dr.normalize(self.buffer.right), dr.normalize(self.buffer.down)
-        first = mi.Complex2f(dr.cos(0.5 * self.turn), dr.sin(0.5 * self.turn))
+        first = mi.Complex2f(dr.cos(self.turn), dr.sin(self.turn))
         found = []
         for i in range(count):
             z = first * mi.Complex2f(math.cos(math.pi * i / count), math.sin(math.pi * i / count))
@@ -170,10 +172,9 @@ class Lines:
     def side(self, along: mi.Vector2f, take: Callable, *state: mi.Float) -> tuple[mi.Float, ...]:
         """state = take(sine of the elevation over the plane across V, distance, *state) over the samples
         within R."""
-        start = self.turn / (2 * dr.pi)
 
         def step(i, state):
-            at = self.at + along * self.reach * (mi.Float(i) + start) / self.steps
+            at = self.at + along * self.reach * (mi.Float(i) + self.start) / self.steps
             p, seen = self.buffer.point(at)
             d = p - self.x
             distance = dr.norm(d)

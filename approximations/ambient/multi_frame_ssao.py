@@ -141,6 +141,7 @@ def bake_one(view: View, *, samples: Annotated[int, Sweep(8, 24, low=1, high=64)
 
 
 def _ball(points: np.ndarray, rng: np.random.Generator) -> Ball:
+    points[0] = points[1]  # the middle lies on the surface and in no direction
     normals = rng.normal(size=(TILE * TILE, 3))
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return Ball(*(mi.Vector3f(x.T.astype(np.float32)) for x in (points, normals)))
@@ -173,7 +174,7 @@ def occlusion(
         if turned == "pixel":
             s = s - 2 * dr.dot(s, m) * m
         if occluders == "exact":
-            w = dr.normalize(n + dr.normalize(s))
+            w = dr.normalize(dr.fma(s, mi.Vector3f(dr.rcp(dr.norm(s))), n))
             return view.trace(x + 1e-4 * n, w) > radius
         if region == "hemisphere":
             s = dr.mulsign(s, dr.dot(s, n))
@@ -201,9 +202,9 @@ def blurred(view: View, image: mi.Float) -> mi.Float:
     """A mean over TILE pixels across and then down, of those that the picture has."""
     i = dr.arange(mi.UInt32, view.width * view.height)
     pixel = mi.Point2u(i % view.width, i // view.width)
-    for step in (mi.Vector2u(1, 0), mi.Vector2u(0, 1)):
+    for step in (mi.Point2u(1, 0), mi.Point2u(0, 1)):
         dr.eval(image)
-        at = [pixel + k * step for k in range(TILE)]
+        at = [dr.fma(mi.Point2u(k), step, pixel) for k in range(TILE)]
         inside = [(p.x < view.width) & (p.y < view.height) for p in at]
         taps = [
             dr.gather(mi.Float, image, dr.fma(p.y, view.width, p.x), m)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from scenes.contract import Surface
+from scenes.contract import AreaLight, Surface
 
 
 @dataclass
@@ -117,10 +117,16 @@ def render(
     return maps
 
 
-def turned(v: mi.Vector2f, turn: mi.Float) -> mi.Vector2f:
-    """R(turn) v."""
-    found = mi.Complex2f(v.x, v.y) * mi.Complex2f(dr.cos(turn), dr.sin(turn))
-    return mi.Vector2f(found.real, found.imag)
+def light_point(light: AreaLight, shares: mi.Vector2f) -> mi.Point3f:
+    """centre + x u + y v, for shares (x, y) of the light's half axes."""
+    along, across = mi.Vector3f(shares.x), mi.Vector3f(shares.y)
+    return mi.Point3f(dr.fma(along, light.u, dr.fma(across, light.v, mi.Vector3f(light.centre))))
+
+
+def moved(ab: mi.Point2f, width: mi.Float, v: mi.Vector2f, turn: mi.Float) -> mi.Point2f:
+    """(a, b) + width R(turn) v."""
+    z = mi.Complex2f(v.x, v.y) * mi.Complex2f(dr.cos(turn), dr.sin(turn))
+    return mi.Point2f(dr.fma(width, z.real, ab.x), dr.fma(width, z.imag, ab.y))
 
 
 def filtered(
@@ -147,7 +153,7 @@ def filtered(
     taps = dr.width(offsets)
 
     def tap(i, lit):
-        at = ab + width * turned(dr.gather(mi.Vector2f, offsets, i), turn)
+        at = moved(ab, width, dr.gather(mi.Vector2f, offsets, i), turn)
         least = (frustum.plane(p, n, at) if plane else z) - bias
         if bilinear:
             seen = sum(dr.select(stored >= least, w, 0) for stored, w in frustum.fetch_four(at, zero))

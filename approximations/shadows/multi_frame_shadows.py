@@ -21,8 +21,8 @@ In print, and what was done here:
 - Large lights may be taken from the middle outwards. A set that is complete does not care about its order;
   one that is stopped early (`finished` below 1) then holds only the inner share of the light.
 - Buffers of 8 bits up to float32 are shown; their formats are options, without the tone mapping before them.
-- Where the frame stands for the viewer's wait, its cost is the cost given here over `frames`; the cost given
-  is of all of them.
+- The cost of a frame that is reported is that of all `frames` together: what the viewer waits for. Each
+  picture on the way costs that over `frames`.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from approximations.contract import (
 )
 from approximations.kit.point_sets import best_candidates, random_points
 from approximations.kit.running_mean import Format, updated
-from approximations.kit.shadow_map import bounds, render
+from approximations.kit.shadow_map import bounds, light_point, render
 from scenes.contract import DIRECT_RADIANCE, LIGHT_VISIBILITY, AreaLight, Scene, View
 from scenes.shadow_casters import HalfPlane, PoleAndBars
 
@@ -145,7 +145,7 @@ def bake(
     frames    how many are averaged.
     finished  share that they are of the set.
     kernel    a set that keeps apart, the middle first, or independent points.
-    order     of the points after the middle: at "random", or by distance from it.
+    order     of the points after the middle: "shuffled", or by distance from it.
     """
     planned = int(np.ceil(frames / finished))
     shape = "square" if view.lights[0].shape == "rectangle" else "disk"
@@ -184,7 +184,7 @@ def accumulated(
 ) -> mi.Float | mi.Color3f:
     """The running mean of frame(y_k - x, whether x sees y_k) over all points (3.2.2)."""
     light, p = view.lights[0], view.surface.position
-    eyes = mi.Point3f(light.centre + points.x * light.u + points.y * light.v)
+    eyes = light_point(light, points)
     if visibility == "map":
         maps = render(view.trace, eyes, light.u, *bounds(view.surface), size=map_size)
 

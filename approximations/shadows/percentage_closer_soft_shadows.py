@@ -18,7 +18,7 @@ of the light's area, or in the light's own shape.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import drjit as dr
@@ -37,7 +37,7 @@ from approximations.contract import (
 )
 from approximations.kit.point_sets import best_candidates
 from approximations.kit.sampling import random_turn
-from approximations.kit.shadow_map import ShadowMaps, bounds, filtered, render, turned
+from approximations.kit.shadow_map import ShadowMaps, bounds, filtered, light_point, moved, render
 from scenes.contract import LIGHT_VISIBILITY, View
 from scenes.shadow_casters import HalfPlane, PoleAndBars
 
@@ -131,7 +131,7 @@ def map_blockers(
     width = (1 / search - 1) / z_r
 
     def tap(i, count, total):
-        at = ab + width * turned(dr.gather(mi.Vector2f, points.search, i), points.turn)
+        at = moved(ab, width, dr.gather(mi.Vector2f, points.search, i), points.turn)
         stored = frustum.fetch(at, zero)
         nearer = stored < (frustum.plane(p, n, at) if plane else z_r) - bias
         return i + 1, count + dr.select(nearer, mi.Float(1), 0), total + dr.select(nearer, stored, 0)
@@ -142,13 +142,12 @@ def map_blockers(
 def ray_blockers(view: View, points: mi.Vector2f) -> tuple[mi.Bool, mi.Float]:
     """The same from rays to points of the light, which see casters that the map's eye does not."""
     light, p, n = view.lights[0], view.surface.position, view.surface.normal
-    u, v = dr.normalize(light.u), dr.normalize(light.v)
-    axis = dr.cross(u, v)
+    unit = replace(light, u=dr.normalize(light.u), v=dr.normalize(light.v))
+    axis = dr.cross(unit.u, unit.v)
 
     def ray(i, count, total):
-        l = dr.gather(mi.Vector2f, points, i)
         start = p + 1e-3 * n
-        towards = light.centre + l.x * u + l.y * v - start
+        towards = light_point(unit, dr.gather(mi.Vector2f, points, i)) - start
         far = dr.norm(towards)
         t = view.trace(start, towards / far)
         z = dr.dot(start + t / far * towards - light.centre, axis)

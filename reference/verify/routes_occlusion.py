@@ -34,7 +34,7 @@ def openness_against_rays(seed: int) -> list[Comparison]:
 
 
 def openness(scene: Occluders, rng: np.random.Generator) -> np.ndarray:
-    """(SIZE, SIZE, 1): the share of SAMPLES cosine-weighted rays that meet nothing, 1 beside the scene."""
+    """(SIZE, SIZE, 1): share of SAMPLES cosine-weighted rays that meet nothing, 1 where the eye's does."""
     known = shapes(scene.surfaces())
     o, w = eye_rays(scene.sensor(SIZE), SIZE, SAMPLES, rng)
     t, n, _ = first_hits(known, o, w)
