@@ -254,13 +254,17 @@ def ray_tracer(surfaces: mi.Scene):
 
 def light_solver(world: mi.Scene, depth: int = -1):
     """gather(p, w, seed): one path's radiance that arrives at p from w, as an offline light-map compiler
-    has it. depth: Mitsuba's max_depth, 1 for light seen directly."""
+    has it. depth: Mitsuba's max_depth, 1 for light seen directly. Evaluated at once, in a kernel of its own,
+    since OptiX traces in one scene a kernel."""
     integrator = mi.load_dict({"type": "path", "max_depth": depth})
 
     def gather(p: mi.Point3f, w: mi.Vector3f, seed: int) -> mi.Color3f:
         random = mi.load_dict({"type": "independent"})
         random.seed(seed, dr.width(p + w))
-        return integrator.sample(world, random, mi.RayDifferential3f(p, w))[0]
+        dr.eval(p, w)
+        light = integrator.sample(world, random, mi.RayDifferential3f(p, w))[0]
+        dr.eval(light)
+        return light
 
     return gather
 

@@ -58,7 +58,9 @@ class ShadowCube:
 def sees(trace: Callable, centre: mi.Point3f, face: int) -> tuple[mi.Vector3f, mi.Float]:
     """Directions of the texels and the distance (m) that C sees along them."""
     w = texel_directions(face)[0]
-    return w, trace(dr.zeros(mi.Point3f, dr.width(w)) + centre, w)
+    t = trace(dr.zeros(mi.Point3f, dr.width(w)) + centre, w)
+    dr.eval(w, t)
+    return w, t
 
 
 def walls_box(centre: mi.Point3f, w: mi.Vector3f, t: mi.Float) -> tuple[mi.Point3f, mi.Point3f]:
