@@ -29,6 +29,7 @@ FLIPS = {
     ast.LtE: ast.GtE,
     ast.GtE: ast.LtE,
 }
+KIT = "approximations.kit."
 FACTORS = {ast.Mult: ast.Div, ast.Div: ast.Mult}
 
 
@@ -104,10 +105,20 @@ def mutated_source(mutant: Mutant) -> ast.Module:
 
 
 def kit_files(technique: Technique) -> list[Path]:
-    """The kit modules whose functions a technique's module uses."""
-    module = sys.modules[technique.function.__module__]
-    used = {getattr(v, "__module__", "") for v in vars(module).values() if callable(v)}
-    return sorted(Path(sys.modules[m].__file__) for m in used if m and m.startswith("approximations.kit."))
+    """The kit modules whose functions a technique's module uses, itself or through another of the kit."""
+    found: set[str] = set()
+    waiting = [technique.function.__module__]
+    while waiting:
+        new = kit_used(waiting.pop()) - found
+        found |= new
+        waiting += new
+    return sorted(Path(sys.modules[m].__file__) for m in found)
+
+
+def kit_used(module: str) -> set[str]:
+    """Names of the kit modules whose functions or classes a module imports."""
+    used = {getattr(v, "__module__", "") for v in vars(sys.modules[module]).values() if callable(v)}
+    return {m for m in used if m and m.startswith(KIT) and m != module}
 
 
 def load_twin(technique: Technique, mutant: Mutant) -> dict[str, Technique]:
@@ -119,16 +130,31 @@ def load_twin(technique: Technique, mutant: Mutant) -> dict[str, Technique]:
         if Path(mutant.file) == file:
             _load(f"twin_of_{file.stem}", mutated_source(mutant))
         else:
-            twin = _load(f"twin_of_{file.stem}", ast.parse(file.read_text()))
-            name = next(m for m, v in sys.modules.items() if getattr(v, "__file__", None) == mutant.file)
-            kit = _load(f"twin_of_{Path(mutant.file).stem}", mutated_source(mutant))
-            for key, value in list(vars(twin).items()):
-                if getattr(value, "__module__", None) == name and hasattr(kit, key):
-                    setattr(twin, key, getattr(kit, key))
+            flipped = next(m for m, v in sys.modules.items() if getattr(v, "__file__", None) == mutant.file)
+            twins = {flipped: _load(f"twin_of_{Path(mutant.file).stem}", mutated_source(mutant))}
+            _twin(technique.function.__module__, twins)
         return dict(TECHNIQUES)
     finally:
         TECHNIQUES.clear()
         TECHNIQUES.update(kept)
+
+
+def _twin(module: str, twins: dict[str, types.ModuleType]) -> types.ModuleType:
+    """A copy of a module in which whatever it imports from the kit comes from the twins there, if the flipped
+    one is among what it uses; else the module itself."""
+    if module in twins:
+        return twins[module]
+    parts = {name: _twin(name, twins) for name in kit_used(module)}
+    original = sys.modules[module]
+    if all(part is sys.modules[name] for name, part in parts.items()) and module.startswith(KIT):
+        return original
+    copy = _load(f"twin_of_{Path(original.__file__).stem}", ast.parse(Path(original.__file__).read_text()))
+    for key, value in list(vars(copy).items()):
+        part = parts.get(getattr(value, "__module__", None) or "")
+        if part is not None and hasattr(part, key):
+            setattr(copy, key, getattr(part, key))
+    twins[module] = copy
+    return copy
 
 
 def _load(name: str, tree: ast.Module) -> types.ModuleType:

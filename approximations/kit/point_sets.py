@@ -42,8 +42,7 @@ def _shaped(points: np.ndarray, shape: Shape) -> np.ndarray:
 
 def spiral(n: int) -> np.ndarray:
     """(n, 2) even points of the unit disk, for averages that stand for the whole disk."""
-    i = np.arange(n)
-    radius, turn = np.sqrt((i + 0.5) / n), np.pi * (3 - np.sqrt(5)) * i
+    radius, turn = np.sqrt(np.arange(0.5, n) / n), np.pi * (3 - np.sqrt(5)) * np.arange(n)
     return radius[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
@@ -51,4 +50,4 @@ def lattice(n: int) -> np.ndarray:
     """(m^2, 2) centres of the cells of [-1, 1]^2 cut in m x m, m the whole root of n."""
     m = int(np.sqrt(n))
     i = (2 * np.arange(m) + 1) / m - 1
-    return np.stack(np.meshgrid(i, i), axis=-1).reshape(-1, 2)
+    return np.stack(np.meshgrid(i, i), axis=-1).reshape(m * m, 2)
