@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from approximations.contract import Technique
-from compare import cost, metrics, statistics, stochastic
+from compare import cost, metrics, statistics, stochastic, turns
 from compare.gate import Threshold, load_thresholds
 from compare.statistics import Estimate
-from compare.task import PATH_TRACER, RGB_RENDERING, Task, find_measured, fine_size
+from compare.task import PATH_TRACER, RGB_RENDERING, Task, find_measured, fine_size, wants_costs
 from reference import store
 from reference.store import ENOUGH, Demand
 from reference.toolchain import other_variant
@@ -36,10 +36,9 @@ def measure(task: Task, folder: Path) -> list[dict]:
 
     Raises BadInput where the technique's output or the scene cannot be measured.
     """
-    import mitsuba
-
     if task.technique == PATH_TRACER:
-        return [measure_path_tracer(task, folder)]
+        with turns.timed():
+            return [measure_path_tracer(task, folder)]
     technique = find_measured(task.technique)
     scene = task.make_scene()
     quantity = technique.estimates
@@ -48,14 +47,35 @@ def measure(task: Task, folder: Path) -> list[dict]:
         from compare.colour import SHOWN_NOISE, sampled
 
         noise = SHOWN_NOISE if SETTLED & set(task.roles) else math.inf
-        estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise)
+        with turns.timed():
+            estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise)
         image = estimate.mean
     else:
-        estimate, image = None, evaluate(technique, scene, quantity, task.knobs, task.size)
-        costs = technique_cost(technique, scene, quantity, task.knobs, task.size)
-    if technique.bake_function and shown:
-        bake = technique.split(task.knobs)[1]
-        costs["bake_rays"] = bake_rays(technique, scene, task.size, bake)
+        with turns.computing():
+            estimate, image = None, evaluate(technique, scene, quantity, task.knobs, task.size)
+        costs = None
+        if wants_costs(task):
+            with turns.timed():
+                costs = technique_cost(technique, scene, quantity, task.knobs, task.size)
+    with turns.computing():
+        if technique.bake_function and shown:
+            bake = technique.split(task.knobs)[1]
+            costs["bake_rays"] = bake_rays(technique, scene, task.size, bake)
+        return judged(task, technique, folder, image, estimate, costs)
+
+
+def judged(
+    task: Task,
+    technique: Technique,
+    folder: Path,
+    image: np.ndarray,
+    estimate: Truth | None,
+    costs: dict | None,
+) -> list[dict]:
+    """The records of an image, one per quantity; its costs are not known where only a field is stressed."""
+    import mitsuba
+
+    scene, shown = task.make_scene(), "default" in task.roles
     key = task.key(mitsuba.variant())
     picture = save_image(folder, f"{key}.exr", image)
     stages = technique.stages()

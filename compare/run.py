@@ -13,20 +13,22 @@ import multiprocessing
 import os
 import platform
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import TimeoutError as TimedOut
 from pathlib import Path
 
-from pebble import ProcessExpired, ProcessPool
+from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from compare import worker
-from compare.task import PATH_TRACER, Task
+from compare.task import PATH_TRACER, Task, wants_costs
 from reference.store import CannotWrite, sweep
 from reference.truth import has_closed_form
 from scenes.contract import QUANTITIES, BadInput, find_scene
 
 LINES = "measurements.jsonl"
 TRUTH_SECONDS = 3600.0
+WORKERS, LOCK = 2, ".turns"
 Report = Callable[[str, int, int], None]
 
 
@@ -93,14 +95,15 @@ def append(folder: Path, new: Iterable[dict]) -> None:
 
 def pending(tasks: list[Task], known: list[dict], variant: str) -> tuple[list[Task], list[dict]]:
     """Tasks still to be measured, and old records whose roles have grown. A setting that becomes the
-    default is measured again, since only those have FLIP."""
+    default is measured again, since only those have FLIP; so is one whose costs are wanted now."""
     done = {r["key"]: r for r in known if r["status"] == "ok"}
     missing, grown = [], []
     for task in tasks:
         key = task.key(variant)
         old = [done.get(f"{key}-{q}") for q in task.quantities]
         shown = "default" in task.roles and not all(r and "default" in r["roles"] for r in old)
-        if shown or not all(old):
+        costless = wants_costs(task) and any(r and r["costs"] is None for r in old)
+        if shown or costless or not all(old):
             missing.append(task)
             continue
         for record in old:
@@ -118,10 +121,10 @@ def execute(
     report: Report = lambda what, done, total: None,
     warn: Callable[[str], None] = lambda message: None,
 ) -> None:
-    """Measure all tasks that the run does not hold yet, one at a time in a worker process.
+    """Measure all tasks that the run does not hold yet, in worker processes.
 
-    A worker that crashes, hangs or eats the memory costs its task alone. One worker only: timed work
-    never shares its cores.
+    A worker that crashes, hangs or eats the memory costs its task alone. Timed work never shares the
+    machine: see compare.turns.
     """
     import mitsuba
 
@@ -144,10 +147,10 @@ def execute(
     }
     total = len(truths) + len(missing)
     with ProcessPool(
-        max_workers=1,
+        max_workers=WORKERS,
         context=multiprocessing.get_context("spawn"),
         initializer=worker.start,
-        initargs=(device, plugins),
+        initargs=(device, plugins, str(folder / LOCK)),
     ) as pool:
         try:
             for i, question in enumerate(truths.values()):
@@ -164,9 +167,15 @@ def execute(
                             f"the truth of {question[0]} {question[2]} {question[3]} reached a resolution of "
                             f"{answer['resolution']:.3g}, not {question[4].resolution:g}: {answer['demand']}"
                         )
-            for i, task in enumerate(missing):
+            asked: deque[tuple[Task, ProcessFuture]] = deque()
+            waiting = deque(missing)
+            for i in range(len(missing)):
+                while waiting and len(asked) < WORKERS:
+                    task = waiting.popleft()
+                    asked.append((task, ask(pool, task, folder)))
+                task, future = asked.popleft()
                 report(f"{task.technique} on {task.scene}", len(truths) + i, total)
-                found = outcome(pool, task, folder)
+                found = outcome(task, future)
                 if found[0]["status"] == "cannot write":
                     raise CannotWrite(found[0]["error"])
                 append(folder, found)
@@ -176,9 +185,13 @@ def execute(
             raise
 
 
-def outcome(pool: ProcessPool, task: Task, folder: Path) -> list[dict]:
+def ask(pool: ProcessPool, task: Task, folder: Path) -> ProcessFuture:
+    """Have a worker perform a task."""
+    return pool.schedule(worker.perform, args=(task, str(folder)), timeout=task.seconds)
+
+
+def outcome(task: Task, future: ProcessFuture) -> list[dict]:
     """The task's records, or those of the way in which its process ended."""
-    future = pool.schedule(worker.perform, args=(task, str(folder)), timeout=task.seconds)
     try:
         return future.result()
     except TimedOut:

@@ -12,15 +12,17 @@ import traceback
 from pathlib import Path
 from typing import Any
 
+from compare import turns
 from compare.task import PATH_TRACER, Task
 from reference.store import ENOUGH, Demand
 from scenes.contract import QUANTITIES, BadInput, all_scenes, make_scene
 
-MEMORY_SHARE = 0.8
+MEMORY_SHARE = 0.6
 
 
-def start(device: str, plugins: tuple[str, ...]) -> None:
-    """Prepare the process: memory limit, variant, every scene and technique, plugins."""
+def start(device: str, plugins: tuple[str, ...], lock: str = "") -> None:
+    """Prepare the process: memory limit, variant, every scene and technique, plugins; and take turns with
+    the other workers at the lock."""
     from approximations.contract import all_techniques, load_plugin
     from reference.store import sweep, user_store
     from reference.toolchain import use_device
@@ -31,6 +33,8 @@ def start(device: str, plugins: tuple[str, ...]) -> None:
     sweep(user_store())
     all_scenes()
     all_techniques()
+    if lock:
+        turns.join(Path(lock))
     for path in plugins:
         load_plugin(Path(path))
 
