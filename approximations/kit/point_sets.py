@@ -13,6 +13,8 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
+from approximations.kit.sampling import GOLDEN_ANGLE
+
 Shape = Literal["square", "disk", "ball"]
 CANDIDATES = 64
 SHARE = {"square": 1.0, "disk": 0.7, "ball": 0.4}
@@ -42,12 +44,12 @@ def _shaped(points: np.ndarray, shape: Shape) -> np.ndarray:
 
 def spiral(n: int) -> np.ndarray:
     """(n, 2) even points of the unit disk, for averages that stand for the whole disk."""
-    radius, turn = np.sqrt(np.arange(0.5, n) / n), np.pi * (3 - np.sqrt(5)) * np.arange(n)
-    return radius[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    i = np.arange(0.5, n)
+    return np.sqrt(i / n)[:, None] * np.stack([np.cos(GOLDEN_ANGLE * i), np.sin(GOLDEN_ANGLE * i)], axis=1)
 
 
 def lattice(n: int) -> np.ndarray:
     """(m^2, 2) centres of the cells of [-1, 1]^2 cut in m x m, m the whole root of n."""
     m = int(np.sqrt(n))
-    i = (2 * np.arange(m) + 1) / m - 1
-    return np.stack(np.meshgrid(i, i), axis=-1).reshape(m * m, 2)
+    middles = (2 * np.arange(0.5, m) / m) - 1
+    return np.array([(x, y) for y in middles for x in middles])

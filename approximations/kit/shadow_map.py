@@ -19,6 +19,8 @@ import mitsuba as mi
 
 from scenes.contract import AreaLight, Surface
 
+LEVELS = {16: 65535.0, 24: 16777215.0}
+
 
 @dataclass
 class ShadowMaps:
@@ -57,14 +59,14 @@ class ShadowMaps:
 
     def fetch_four(self, ab: mi.Point2f, k: mi.UInt32) -> list[tuple[mi.Float, mi.Float]]:
         """z of the four texels round (a, b) and their bilinear weights."""
-        f = self._texels(ab) - 0.5
-        f -= dr.floor(f)
-        step = 2 * self.tangent / self.size
-        across, down = (1 - f.x, f.x), (1 - f.y, f.y)
+        x = self._texels(ab)
+        e = x - dr.round(x)  # from where the four meet
+        step = self.tangent / self.size
+        across, down = (0.5 - e.x, 0.5 + e.x), (0.5 - e.y, 0.5 + e.y)
         return [
-            (self.fetch(ab + step * (mi.Vector2f(i, j) - f), k), across[i] * down[j])
-            for i in (0, 1)
-            for j in (0, 1)
+            (self.fetch(ab + step * mi.Vector2f(i, j), k), across[i > 0] * down[j > 0])
+            for i in (-1, 1)
+            for j in (-1, 1)
         ]
 
     def _texels(self, ab: mi.Point2f) -> mi.Point2f:
@@ -73,9 +75,9 @@ class ShadowMaps:
 
 def bounds(surface: Surface) -> tuple[mi.Point3f, mi.Float]:
     """Centre and radius (m) of a ball round the visible points."""
-    low = dr.select(surface.valid, surface.position, dr.inf)
-    high = dr.select(surface.valid, surface.position, -dr.inf)
-    centre = 0.5 * (dr.min(low, axis=1) + dr.max(high, axis=1))
+    low = dr.min(dr.select(surface.valid, surface.position, dr.inf), axis=1)
+    high = dr.max(dr.select(surface.valid, surface.position, low), axis=1)
+    centre = 0.5 * (low + high)
     return mi.Point3f(centre), dr.max(dr.select(surface.valid, dr.norm(surface.position - centre), 0))
 
 
@@ -109,7 +111,7 @@ def render(
     far = dr.gather(mi.Float, reach + radius, i // (size * size))
     z = dr.minimum(trace(each.eye, dr.normalize(along)) * dr.rcp(dr.norm(along)), far)
     if bits:
-        levels = 2.0**bits - 1
+        levels = LEVELS[bits]
         stored = dr.round(far / (far - near) * (1 - near / dr.maximum(z, near)) * levels) / levels
         z = near * far / (far - stored * (far - near))
     maps.depth = z
