@@ -20,9 +20,6 @@ from compare.gate import load_thresholds
 
 ALIKE = {
     "height_fog.py: i + offset": "turns the even offsets of a stratified sum into the same ones backwards",
-    "point_sets.py: 3 - np.sqrt(5)": "the same spiral the other way round",
-    "shadow_map.py: -dr.inf": "stands for pixels without a surface, which no scene of shadows has",
-    "shadow_map.py: 2.0**bits - 1": "one level of 65536",
     "split_sum.py: nv * nh + np.sqrt((1 - nv**2) * (1 - nh**2)) * np.cos(phi)": "half a turn about n",
     "sampling.py: mi.Float(i) * GOLDEN_ANGLE + turn": "a random turn to the left is one to the right",
 }
