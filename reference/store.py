@@ -95,7 +95,17 @@ def truth_key(scene: Scene, quantity: Quantity, size: int, seed: int = 1) -> str
         "seed": seed,
         "format": FORMAT,
     }
+    if quantity.probes:
+        content["constants"] = fingerprint(constants(type(scene)))
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def constants(scene: type[Scene]) -> dict[str, Any]:
+    """The plain constants of a scene's classes, which may say where its probes are: no dictionary of Mitsuba
+    does."""
+    plain = (int, float, str, tuple, list)
+    found = {k: v for c in reversed(scene.__mro__) for k, v in vars(c).items()}
+    return {k: v for k, v in sorted(found.items()) if k.isupper() and isinstance(v, plain)}
 
 
 def file_name(scene: Scene, quantity: Quantity, size: int, key: str) -> str:
