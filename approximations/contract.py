@@ -9,6 +9,7 @@ Keyword-only parameters are the knobs, their annotations what to sweep. A knob w
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import inspect
 import sys
@@ -163,13 +164,7 @@ class Technique:
 
     def knobs(self) -> dict[str, tuple[Any, Any]]:
         """Knob name -> (annotation, default), of the frame and then of the bake."""
-        found = {}
-        for function in filter(None, (self.function, self.bake_function)):
-            hints = typing.get_type_hints(function, include_extras=True)
-            for name, p in inspect.signature(function).parameters.items():
-                if p.kind is p.KEYWORD_ONLY:
-                    found[name] = (hints[name], p.default)
-        return found
+        return _knobs(self.function) | (_knobs(self.bake_function) if self.bake_function else {})
 
     def settings(self, given: dict[str, Any]) -> dict[str, Any]:
         """All knobs with defaults filled in. Raises BadInput for unknown names and bad values."""
@@ -203,6 +198,13 @@ class Technique:
     def stages(self) -> list[str]:
         """Knobs that have an exact counterpart, in the order of the pipeline."""
         return [n for n, values in self.variations().items() if "exact" in values]
+
+
+@functools.cache
+def _knobs(function: Callable[..., Any]) -> dict[str, tuple[Any, Any]]:
+    hints = typing.get_type_hints(function, include_extras=True)
+    parameters = inspect.signature(function).parameters.items()
+    return {name: (hints[name], p.default) for name, p in parameters if p.kind is p.KEYWORD_ONLY}
 
 
 TECHNIQUES: dict[str, Technique] = {}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import Any
 
 import drjit as dr
@@ -109,10 +110,18 @@ def work(frame: Callable[[], Any]) -> dict:
         if k["type"] is not dr.KernelType.JIT:
             continue
         text = k["ir"] if isinstance(k["ir"], str) else k["ir"].getvalue()
+        traced, touched = accesses(text)
         operations += k["operation_count"] * k["size"]
-        rays += len(RAY.findall(text)) * k["size"]
-        moved += traffic(text) * k["size"]
+        rays += traced * k["size"]
+        moved += touched * k["size"]
     return {"operations": operations, "rays": rays, "bytes": moved, "kernels": len(launched)}
+
+
+@lru_cache(maxsize=1024)
+def accesses(text: str) -> tuple[int, int]:
+    """Rays that one item of a kernel traces, and bytes that it loads and stores. A loop taken turn by turn
+    launches the same kernel over and over."""
+    return len(RAY.findall(text)), traffic(text)
 
 
 def traffic(text: str) -> int:

@@ -59,12 +59,16 @@ class Threshold:
 
     def asks(self, task: Task, quantity: str) -> bool:
         """Whether a task is the measurement that this threshold is about."""
-        return (task.technique, task.scene, quantity, task.size) == (
-            self.technique,
-            self.scene,
-            self.quantity,
-            self.side,
-        ) and self.fits_settings(task.knobs, task.make_scene().fields())
+        return (
+            task.technique == self.technique
+            and (task.scene, quantity, task.size)
+            == (
+                self.scene,
+                self.quantity,
+                self.side,
+            )
+            and self.fits_settings(task.knobs, task.make_scene().fields())
+        )
 
     def fits_settings(self, knobs: dict, fields: dict) -> bool:
         """Whether knobs and fields are those of this threshold."""

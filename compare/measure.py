@@ -47,7 +47,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
         from compare.colour import SHOWN_NOISE, sampled
 
         noise = SHOWN_NOISE if SETTLED & set(task.roles) else math.inf
-        with turns.timed():
+        with turns.timed() if wants_costs(task) else turns.computing():
             estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise)
         image = estimate.mean
     else:

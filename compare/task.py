@@ -46,7 +46,7 @@ class Profile:
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 128, 64, 5, (1, 2, 4, 8, 16), 120, 128),
+        Profile("quick", 128, 64, 5, (1, 4, 16), 120, 128),
         Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), 1800, 1024),
     )
 }
@@ -264,9 +264,10 @@ def plan(
 
 def samples(profile: Profile, scene: str) -> tuple[int, ...]:
     """Samples per pixel of the path tracer's curve; in media, where a sample takes tens of times longer,
-    without the two largest."""
+    up to a quarter of the most."""
     media = plugin_types(find_scene(scene)().mitsuba()) & MEDIA
-    return profile.samples[:-2] if media else profile.samples
+    most = profile.samples[-1] // 4 if media else profile.samples[-1]
+    return tuple(n for n in profile.samples if n <= most)
 
 
 def ladder(technique: Technique, settings: dict[str, Any]) -> list[dict[str, Any]]:

@@ -371,6 +371,7 @@ class Scene:
             object.__setattr__(self, name, check_value(type(self).__name__, name, hint, getattr(self, name)))
 
     @classmethod
+    @functools.cache
     def field_types(cls) -> dict[str, Any]:
         """Field name -> annotation with its Axis."""
         hints = typing.get_type_hints(cls, include_extras=True)
