@@ -12,6 +12,7 @@ import json
 import multiprocessing
 import os
 import platform
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -28,7 +29,7 @@ from scenes.contract import QUANTITIES, BadInput, find_scene
 
 LINES = "measurements.jsonl"
 TRUTH_SECONDS = 3600.0
-WORKERS, LOCK = 2, ".turns"
+WORKERS = 2
 Report = Callable[[str, int, int], None]
 
 
@@ -146,12 +147,15 @@ def execute(
         if not has_closed_form(find_scene(t.scene), QUANTITIES[q])
     }
     total = len(truths) + len(missing)
-    with ProcessPool(
-        max_workers=WORKERS,
-        context=multiprocessing.get_context("spawn"),
-        initializer=worker.start,
-        initargs=(device, plugins, str(folder / LOCK)),
-    ) as pool:
+    with (
+        tempfile.NamedTemporaryFile() as lock,
+        ProcessPool(
+            max_workers=WORKERS,
+            context=multiprocessing.get_context("spawn"),
+            initializer=worker.start,
+            initargs=(device, plugins, lock.name),
+        ) as pool,
+    ):
         try:
             for i, question in enumerate(truths.values()):
                 report(f"truth: {question[0]} {question[2]} {question[3]}", i, total)
