@@ -37,8 +37,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
     Raises BadInput where the technique's output or the scene cannot be measured.
     """
     if task.technique == PATH_TRACER:
-        with turns.timed():
-            return [measure_path_tracer(task, folder)]
+        return [measure_path_tracer(task, folder)]
     technique = find_measured(task.technique)
     scene = task.make_scene()
     quantity = technique.estimates
@@ -364,11 +363,12 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     scene, spp = task.make_scene(), int(task.knobs["spp"])
     quantity = QUANTITIES[task.quantities[0]]
     key = task.key(mi.variant())
-    truth, tkey = obtain(scene, quantity, task.size, task.demand)
+    with turns.computing():
+        truth, tkey = obtain(scene, quantity, task.size, task.demand)
     about = describe_truth(scene, quantity, task, folder, truth, tkey, task.demand)
     variant = variant_of(scene)
     how = replace(transport(scene.mitsuba(task.size), quantity, task.size), sampler="independent")
-    with other_variant(variant):
+    with turns.computing(), other_variant(variant):
         loaded = load_scene(scene, quantity, task.size, how)
     seeds = stochastic.frame_seeds(task.seed)
     images = []
@@ -377,11 +377,14 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
         images.append(loaded.integrator().render(loaded, loaded.sensors()[0], seed=next(seeds), spp=spp))
         return images[-1]
 
-    counted = path_tracer_work(scene, quantity, task.size)
+    with turns.computing():
+        counted = path_tracer_work(scene, quantity, task.size)
     counted = {k: None if v is None else v * spp for k, v in counted.items()}
-    costs = cost.frame_cost(frame, task.size**2, counted)
-    images = [to_array(image) for image in images]
-    per_image = [metrics.errors(image, truth, quantity, None) for image in images]
+    with turns.timed():
+        costs = cost.frame_cost(frame, task.size**2, counted)
+    with turns.computing():
+        images = [to_array(image) for image in images]
+        per_image = [metrics.errors(image, truth, quantity, None) for image in images]
     errors = {}
     for name in per_image[0]:
         each = [e[name] for e in per_image]
