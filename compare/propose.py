@@ -52,7 +52,7 @@ def bias_bounds(errors: dict) -> dict[str, float]:
 def up(x: float) -> float:
     """Rounded up to three digits."""
     unit = 10.0 ** (math.floor(math.log10(x)) - 2)
-    return float(f"{math.ceil(x / unit) * unit:.3g}")
+    return float(f"{math.ceil(x / unit - 1e-9) * unit:.3g}")
 
 
 def toml(value: Any) -> str:

@@ -39,6 +39,7 @@ class Profile:
     stress_size: int
     stress_points: int
     samples: tuple[int, ...]
+    samples_in_media: tuple[int, ...]
     seconds: float
     batches: int
 
@@ -46,8 +47,8 @@ class Profile:
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 128, 64, 5, (1, 4, 16), 120, 128),
-        Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), 1800, 1024),
+        Profile("quick", 128, 64, 5, (1, 16), (1, 4), 120, 128),
+        Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), (1, 2, 4, 8, 16, 32), 1800, 1024),
     )
 }
 
@@ -263,11 +264,9 @@ def plan(
 
 
 def samples(profile: Profile, scene: str) -> tuple[int, ...]:
-    """Samples per pixel of the path tracer's curve; in media, where a sample takes tens of times longer,
-    up to a quarter of the most."""
+    """Samples per pixel of the path tracer's curve; fewer in media, where one takes tens of times longer."""
     media = plugin_types(find_scene(scene)().mitsuba()) & MEDIA
-    most = profile.samples[-1] // 4 if media else profile.samples[-1]
-    return tuple(n for n in profile.samples if n <= most)
+    return profile.samples_in_media if media else profile.samples
 
 
 def ladder(technique: Technique, settings: dict[str, Any]) -> list[dict[str, Any]]:

@@ -11,12 +11,14 @@ import os
 from concurrent.futures import TimeoutError as TimedOut
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pebble import ProcessExpired, ProcessPool
 
 from approximations.contract import all_techniques, find_technique
 from compare import mutants, worker
 from compare.gate import load_thresholds
+from compare.measure import evaluate
 
 ALIKE = {
     "height_fog.py: i + offset": "turns the even offsets of a stratified sum into the same ones backwards",
@@ -136,3 +138,14 @@ def test_a_mutant_differs_from_its_original_in_one_sign(tmp_path):
     twins = {ast.unparse(mutants.mutated_source(m)) for m in found}
     assert len(twins) == 4
     assert "def f(a, b=-1):\n    return -a - b if a < b else a - b" in twins
+
+
+def test_a_flipped_sign_reaches_a_technique_through_another_part_of_the_kit():
+    technique = find_technique("ambient_aperture")
+    sampling = next(p for p in mutants.kit_files(technique) if p.stem == "sampling")
+    assert "approximations.kit.sampling" not in mutants.kit_used(technique.function.__module__)
+    mutant = next(m for m in mutants.mutants(sampling) if m.text == "1 - z * z")
+    scene, settings = technique.on[0](), technique.settings({})
+    twin = mutants.load_twin(technique, mutant)["ambient_aperture"]
+    plain, flipped = (evaluate(t, scene, t.estimates, settings, 8) for t in (technique, twin))
+    assert np.abs(plain - flipped).max() > 0.05

@@ -9,7 +9,7 @@ from compare import metrics, statistics
 from compare.statistics import Estimate
 from reference.moments import from_batches
 from reference.truth import Truth
-from scenes.contract import RADIANCE, TRANSMITTANCE, BadInput
+from scenes.contract import DISTANCE, RADIANCE, TRANSMITTANCE, BadInput
 
 TRIALS = 1500
 LOW, HIGH = 0.93, 0.97
@@ -93,6 +93,25 @@ def test_ratio_metrics_by_hand():
     assert e["mae"].value == pytest.approx(0.1)
     assert e["rmse"].value == pytest.approx(0.1)
     assert e["bias"].value == pytest.approx(0, abs=1e-12)
+
+
+def test_metrics_of_lengths_by_hand_are_in_metres_and_signed():
+    truth = exact([[-1.0, 0.0, 1.0, 2.0]])
+    found = metrics.errors(np.array([[[-1.0], [0.5], [1.0], [1.9]]]), truth, DISTANCE, None)
+    assert found["bias"].value == pytest.approx(0.1)
+    assert found["mae"].value == pytest.approx(0.15)
+    assert found["rmse"].value == pytest.approx(math.sqrt((0.25 + 0.01) / 4))
+    assert found["max"].value == pytest.approx(0.5)
+    assert not metrics.flaws(truth.mean, signed=True)
+    assert [f["kind"] for f in metrics.flaws(truth.mean)] == ["negative"]
+
+
+def test_interval_of_an_offset_holds_the_true_one(rng):
+    true, inside = image(rng, 1) - 0.8, 0
+    for _ in range(400):
+        e = statistics.offset(true + 0.05, trial(rng, true, 0.1, 0, 16))
+        inside += e.low <= 0.05 <= e.high
+    assert LOW - 0.02 <= inside / 400 <= HIGH + 0.02
 
 
 def test_percentile_floor_is_what_the_halves_read(rng):

@@ -227,3 +227,15 @@ def test_two_processes_may_write_the_same_truth_at_once(tmp_path):
         w.join()
     assert store.load(path, "k").batches == 16
     assert [p.name for p in tmp_path.iterdir()] == ["t.exr"]
+
+
+def test_constants_that_move_probes_are_in_the_key_of_their_truths(monkeypatch):
+    from scenes.contract import IRRADIANCE, RADIANCE
+    from scenes.rooms import ColouredRoom, IrradianceTrack
+
+    track, room = IrradianceTrack(), ColouredRoom()
+    before = [store.truth_key(track, IRRADIANCE, 8), store.truth_key(room, RADIANCE, 8)]
+    monkeypatch.setattr(IrradianceTrack, "START", -3.5)
+    after = [store.truth_key(track, IRRADIANCE, 8), store.truth_key(room, RADIANCE, 8)]
+    assert before[0] != after[0]
+    assert before[1] == after[1]

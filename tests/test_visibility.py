@@ -1,5 +1,6 @@
 """Truths of visibility and of light by other surfaces, against closed forms and sums."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -84,3 +85,18 @@ def test_samplers_of_visibility_serve_every_scene():
 
     assert find_sampler(SphereOverPlane, SKY_VISIBILITY) is sky_visibility
     assert sample(SphereOverPlane(), SKY_VISIBILITY, 8)(16, 1).shape == (8, 8, 1)
+
+
+def test_a_mirror_beside_a_diffuse_part_sends_back_what_both_do():
+    """Mitsuba's blend of a true mirror with a diffuse part would give 0.318."""
+    plane = {"type": "rectangle", "bsdf": glossy(0.2, 0.1, 0.0)}
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}
+    integrator = {"type": "path", "max_depth": 2}
+    world = mi.load_dict({"type": "scene", "plane": plane, "sky": sky, "integrator": integrator})
+    n = 1 << 18
+    random = mi.load_dict({"type": "independent"})
+    random.seed(3, n)
+    eye, way = mi.Point3f(0.5, 0.5, 0.65), mi.Vector3f(-0.5205, -0.5205, -0.6767)
+    ray = mi.RayDifferential3f(eye + dr.zeros(mi.Point3f, n), dr.normalize(way))
+    found = np.array(world.integrator().sample(world, random, ray)[0])
+    assert found.mean() == pytest.approx(0.3, rel=0.01)
