@@ -25,6 +25,7 @@ from reference.store import CannotWrite, write_exr
 
 ROOT = Path(__file__).resolve().parents[1]
 SCHEMA = json.loads((ROOT / "compare/measurement.schema.json").read_text())
+LONG = ("per_pixel_lists", "--size", "16", "--no-report")
 CHEAP = ("constant_ambient", "--scene", "Valley", "--size", "16", "--no-report")
 
 HEAD = """
@@ -504,7 +505,7 @@ def text(path: Path) -> bytes:
 
 
 def test_an_interrupted_run_says_how_to_go_on(place):
-    child = start(place, ["compare", *CHEAP, "--out", "interrupted"])
+    child = start(place, ["compare", *LONG, "--out", "interrupted"])
     until = time.monotonic() + 60
     while not text(place / "interrupted" / run.LINES):
         assert child.poll() is None and time.monotonic() < until
