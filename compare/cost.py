@@ -86,8 +86,6 @@ def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = Non
             controls.append(milliseconds(run(calibration)))
             frames.append(milliseconds(run(frame)))
         peak = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
-    counted = counted or work(frame)
-    operations = counted["operations"]
     return {
         "frame_ms": median(frames).plain(),
         "calibration_ms": median(controls).plain(),
@@ -96,9 +94,14 @@ def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = Non
         "compile_ms": sum(k.get("codegen_time", 0) + k.get("backend_time", 0) for k in first),
         "compiled_before": all(k.get("cache_hit", 1) for k in first),
         "peak_bytes": int(peak),
-        **counted,
-        "operations_per_pixel": operations and operations / pixels,
+        **per_pixel(counted or work(frame), pixels),
     }
+
+
+def per_pixel(counted: dict, pixels: int) -> dict:
+    """Counted work with its operations per pixel, None where nothing was counted."""
+    operations = counted["operations"]
+    return counted | {"operations_per_pixel": operations and operations / pixels}
 
 
 def work(frame: Callable[[], Any]) -> dict:

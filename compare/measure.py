@@ -54,8 +54,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
             estimate, image = None, evaluate(technique, scene, quantity, task.knobs, task.size)
         costs = None
         if wants_costs(task):
-            with turns.timed():
-                costs = technique_cost(technique, scene, quantity, task.knobs, task.size)
+            costs = technique_cost(technique, scene, quantity, task)
     with turns.computing():
         if technique.bake_function and shown:
             bake = technique.split(task.knobs)[1]
@@ -228,24 +227,36 @@ def as_image(out: Any, size: int, name: str) -> np.ndarray:
     return array.T.reshape(size, size, -1)
 
 
-def technique_cost(
-    technique: Technique, scene: Scene, quantity: Quantity, settings: dict[str, Any], size: int
-) -> dict:
-    """Frame cost at one sample a pixel; the bake apart, with its own time and bytes."""
+def technique_cost(technique: Technique, scene: Scene, quantity: Quantity, task: Task) -> dict:
+    """Frame cost at one sample a pixel, its work only where the task wants it counted; the bake apart, with
+    its own time and bytes."""
+    frame, bake = technique.split(task.knobs)
+    view = make_view(scene, task.size, quantity.probes)
+    extra, bake_ms = (), None
+    with turns.timed():
+        if technique.bake_function is not None:
+            result, bake_ms = timed_bake(technique.name, scene, task.size, tuple(sorted(bake.items())))
+            extra = (result,)
+        costs = cost.frame_cost(lambda: technique(view, *extra, **frame), task.size**2, cost.NOT_COUNTED)
+    if not task.counted:
+        return {"bake_ms": bake_ms} | costs
+    with turns.computing():
+        counted = cost.work(lambda: technique(view, *extra, **frame))
+    return {"bake_ms": bake_ms} | costs | cost.per_pixel(counted, task.size**2)
+
+
+@lru_cache(maxsize=2)
+def timed_bake(name: str, scene: Scene, size: int, settings: tuple) -> tuple[Any, float]:
+    """The result of the offline stage for a frame of that size, and its kernels' time in ms."""
     import drjit as dr
 
-    frame, bake = technique.split(settings)
-    view = make_view(scene, size, quantity.probes)
-    extra: tuple = ()
-    costs: dict[str, Any] = {"bake_ms": None}
-    if technique.bake_function is not None:
-        with cost.recording():
-            result = technique.bake_function(view, **bake)
-            dr.eval(result)
-            dr.sync_thread()
-            costs["bake_ms"] = cost.milliseconds(cost.kernels())
-        extra = (result,)
-    return costs | cost.frame_cost(lambda: technique(view, *extra, **frame), size * size)
+    technique = find_measured(name)
+    view = make_view(scene, size, technique.estimates.probes)
+    with cost.recording():
+        result = technique.bake_function(view, **dict(settings))
+        dr.eval(result)
+        dr.sync_thread()
+        return result, cost.milliseconds(cost.kernels())
 
 
 def bake_rays(technique: Technique, scene: Scene, size: int, bake: dict) -> int:

@@ -32,7 +32,9 @@ ROOT = Path(__file__).resolve().parents[1]
 @dataclass(frozen=True)
 class Profile:
     """How much of everything: image sizes, points on a stress axis, path-tracer samples, seconds that
-    one measurement may take, batches that a truth may grow to before a question is left unsettled."""
+    one measurement may take, batches that a truth may grow to before a question is left unsettled, and
+    whether the work of every setting is counted or that of the default ones alone: a count takes longer than
+    all else."""
 
     name: str
     size: int
@@ -42,13 +44,14 @@ class Profile:
     samples_in_media: tuple[int, ...]
     seconds: float
     batches: int
+    all_counted: bool
 
 
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 128, 64, 5, (1, 16), (1, 4), 120, 128),
-        Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), (1, 2, 4, 8, 16, 32), 1800, 1024),
+        Profile("quick", 128, 64, 5, (1, 16), (1, 4), 120, 128, False),
+        Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), (1, 2, 4, 8, 16, 32), 1800, 1024, True),
     )
 }
 
@@ -71,6 +74,7 @@ class Task:
     seconds: float = 120
     batches: int = 128
     demand: Demand = ENOUGH
+    counted: bool = False
 
     def make_scene(self) -> Scene:
         """The scene with its fields set."""
@@ -225,6 +229,7 @@ def plan(
                     profile.seconds,
                     profile.batches,
                     demand,
+                    profile.all_counted or "default" in roles,
                 )
 
             tasks.append(task(settings, "default"))
@@ -287,7 +292,8 @@ def merge(tasks: list[Task]) -> list[Task]:
         if label in found:
             roles = tuple(dict.fromkeys(found[label].roles + t.roles))
             quantities = tuple(dict.fromkeys(found[label].quantities + t.quantities))
-            found[label] = replace(found[label], roles=roles, quantities=quantities)
+            counted = found[label].counted or t.counted
+            found[label] = replace(found[label], roles=roles, quantities=quantities, counted=counted)
         else:
             found[label] = t
     return list(found.values())
