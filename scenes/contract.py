@@ -70,6 +70,14 @@ SKY_VISIBILITY = Quantity(
 DISTANCE = Quantity(
     "distance", "m", "length", "to the nearest surface, positive outside and negative inside", probes=True
 )
+DENSITY = Quantity("density", "1", "ratio", "of a cloud, from none to the most that it can have", probes=True)
+SUN_TRANSMITTANCE = Quantity(
+    "sun_transmittance",
+    "1",
+    "ratio",
+    "share of the sun's light that comes to a point unscattered",
+    probes=True,
+)
 QUANTITIES = {
     q.name: q
     for q in (
@@ -84,6 +92,8 @@ QUANTITIES = {
         LIGHT_VISIBILITY,
         SKY_VISIBILITY,
         DISTANCE,
+        DENSITY,
+        SUN_TRANSMITTANCE,
     )
 }
 
@@ -253,13 +263,16 @@ class Fog:
 @dataclass(frozen=True)
 class Cloud:
     """A density field. `extinction(p)` gives sigma_t (1/m); `span(o, d)` the near and far distances at
-    which a ray is inside, both 0 where it misses."""
+    which a ray is inside, both 0 where it misses. sigma_t: extinction (1/m) where the density is 1; model:
+    what the density is modelled with (scenes.cloud_density), where it is."""
 
     extinction: Callable[[Any], Any]
     span: Callable[[Any, Any], tuple[Any, Any]]
     albedo: float
     g: float
     precipitation: float
+    sigma_t: float = 0.0
+    model: Any = None
 
 
 @dataclass(frozen=True)
