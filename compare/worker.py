@@ -53,14 +53,17 @@ def limit_memory() -> None:
     """Cap the address space at a share of what is free, so that excess fails here and not elsewhere."""
     import resource
 
-    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    limit = int(MEMORY_SHARE * free_memory())
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def free_memory() -> int:
+    """Bytes that the system could hand out."""
     try:
         text = Path("/proc/meminfo").read_text()
-        free = next(int(line.split()[1]) * 1024 for line in text.splitlines() if "MemAvailable" in line)
+        return next(int(line.split()[1]) * 1024 for line in text.splitlines() if "MemAvailable" in line)
     except (OSError, StopIteration):
-        pass
-    limit = int(MEMORY_SHARE * free)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def prepare_truth(
