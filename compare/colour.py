@@ -84,7 +84,8 @@ def sampled(
     settings: dict[str, Any],
     seed: int,
     noise: float = math.inf,
-) -> tuple[Truth, dict]:
+    timed: bool = True,
+) -> tuple[Truth, dict | None]:
     """The mean of FRAMES frames, or of as many as the pixel noise takes, with its variance; the cost of one.
     Its work is not counted: paths that have ended would be counted until the longest ends."""
     draw, seeds = rgb_rendering(scene, quantity, size, **settings), frame_seeds(seed)
@@ -95,7 +96,8 @@ def sampled(
     def batches() -> Truth:
         return from_batches(np.stack([to_array(frame()) for _ in range(FRAMES)]))
 
-    costs, estimate = cost.frame_cost(frame, size**2, cost.NOT_COUNTED) | {"bake_ms": None}, batches()
+    costs = {"bake_ms": None, **cost.frame_cost(frame, size**2, cost.NOT_COUNTED)} if timed else None
+    estimate = batches()
     while estimate.pixel_noise > noise and estimate.batches < MOST_FRAMES:
         estimate = join(estimate, batches())
     return estimate, costs

@@ -46,8 +46,9 @@ def measure(task: Task, folder: Path) -> list[dict]:
         from compare.colour import SHOWN_NOISE, sampled
 
         noise = SHOWN_NOISE if SETTLED & set(task.roles) else math.inf
-        with turns.timed() if wants_costs(task) else turns.computing():
-            estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise)
+        timed = wants_costs(task)
+        with turns.timed() if timed else turns.computing():
+            estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise, timed)
         image = estimate.mean
     else:
         with turns.computing():

@@ -148,12 +148,12 @@ def execute(
     }
     total = len(truths) + len(missing)
     with (
-        tempfile.NamedTemporaryFile() as lock,
+        tempfile.TemporaryDirectory() as shared,
         ProcessPool(
             max_workers=WORKERS,
             context=multiprocessing.get_context("spawn"),
             initializer=worker.start,
-            initargs=(device, plugins, lock.name),
+            initargs=(device, plugins, shared),
         ) as pool,
     ):
         try:

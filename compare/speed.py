@@ -32,6 +32,7 @@ from approximations.contract import Technique
 from compare import cost
 from compare.measure import make_view
 from compare.statistics import median
+from compare.worker import free_memory
 from scenes.contract import BadInput, Scene, unknown
 
 ENOUGH = 0.3
@@ -179,11 +180,18 @@ def growth(
 ) -> dict:
     """Exponents of time and of operations against pixels, with the standard error of the fit.
 
-    Small images lie in the caches, so that even a copy grows faster than its pixels: `beside_copy` is the
-    exponent of the frame's time over that of a copy of as many bytes, plus 1.
+    They are those of what comes on top from one size to the next, so that what a frame does whatever its
+    size, such as its shadow map, does not hide how the rest grows; None where noise leaves fewer than two
+    steps. Small images lie in the caches, so that even a copy grows faster than its pixels: `beside_copy` is
+    the exponent of the frame's time over that of a copy of as many bytes, plus 1. It ends at the size from
+    which the next would take more than half of the free memory.
     """
+    peak = 0
     times, copies, work = [], [], []
     for size in sizes:
+        if peak * (size / sizes[max(len(times) - 1, 0)]) ** 2 > free_memory() / 2:
+            break
+        dr.detail.malloc_clear_statistics()
         frame = prepared(technique, scene, size, knobs or {})
         if not work:
             floats = max(1, round(counts(frame)["stream"] / size**2 / 8))
@@ -191,21 +199,32 @@ def growth(
         source = dr.full(mi.Float, 1, floats * size**2)
         dr.make_opaque(source)
         copies.append(timed(lambda source=source: source + 1))
-        if len(work) < 2:
+        if len(work) < 3:
             work.append(cost.work(frame)["operations"])
+        peak = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
         del frame, source
         make_view.cache_clear()
         gc.collect()
-    logs = np.log([s**2 for s in sizes])
-    fit = stats.linregress(logs, np.log(times))
+        dr.flush_malloc_cache()
+    sizes = sizes[: len(times)]
+    logs = np.log([s**2 for s in sizes])[1:]
+    more, copied, added = np.diff(times), np.diff(copies), np.diff(work)
+    sure = (more > 0) & (copied > 0)
+    fit = slope(logs[sure], more[sure])
+    beside = slope(logs[sure], more[sure] / copied[sure])
     return {
         "sizes": list(sizes),
         "ms": times,
-        "exponent": fit.slope,
-        "error": fit.stderr,
-        "beside_copy": 1 + stats.linregress(logs, np.log(np.divide(times, copies))).slope,
-        "exponent_of_operations": math.log(work[1] / work[0]) / (logs[1] - logs[0]),
+        "exponent": fit and fit.slope,
+        "error": fit and fit.stderr,
+        "beside_copy": beside and 1 + beside.slope,
+        "exponent_of_operations": math.log(added[1] / added[0]) / (logs[1] - logs[0]),
     }
+
+
+def slope(logs: np.ndarray, values: np.ndarray) -> Any:
+    """The fit of log values over logs, None through fewer than two points."""
+    return stats.linregress(logs, np.log(values)) if len(values) > 1 else None
 
 
 FILE = "speed.json"
@@ -238,8 +257,8 @@ def brief(row: dict) -> dict:
         "binds": row["binds"],
         "of its ceiling": f"{100 * row['share']:.0f} %",
         "verdict": row["verdict"],
-        "time ~ pixels^": f"{grown['exponent']:.3f}" if grown else "",
-        "beside a copy": f"{grown['beside_copy']:.3f}" if grown else "",
+        "time ~ pixels^": f"{grown['exponent']:.3f}" if grown.get("exponent") else "",
+        "beside a copy": f"{grown['beside_copy']:.3f}" if grown.get("exponent") else "",
         "work ~ pixels^": f"{grown['exponent_of_operations']:.3f}" if grown else "",
     } | ({f"work ~ {lights['field']}^": f"{lights['exponent_of_operations']:.2f}"} if lights else {})
 

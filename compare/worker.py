@@ -20,12 +20,13 @@ from scenes.contract import QUANTITIES, BadInput, all_scenes, make_scene
 MEMORY_SHARE = 0.6
 
 
-def start(device: str, plugins: tuple[str, ...], lock: str = "") -> None:
-    """Prepare the process: memory limit, variant, every scene and technique, plugins; and take turns with
-    the other workers at the lock."""
+def start(device: str, plugins: tuple[str, ...], shared: str = "") -> None:
+    """Prepare the process: memory limit, variant, every scene and technique, plugins; and share turns and
+    closed forms with the other workers through a folder."""
     from approximations.contract import all_techniques, load_plugin
     from reference.store import sweep, user_store
     from reference.toolchain import use_device
+    from reference.truth import keep_closed_forms
 
     threading.Thread(target=end_with_parent, daemon=True).start()
     if use_device(device).startswith("llvm"):
@@ -33,8 +34,9 @@ def start(device: str, plugins: tuple[str, ...], lock: str = "") -> None:
     sweep(user_store())
     all_scenes()
     all_techniques()
-    if lock:
-        turns.join(Path(lock))
+    if shared:
+        turns.join(Path(shared) / "turn")
+        keep_closed_forms(Path(shared))
     for path in plugins:
         load_plugin(Path(path))
 
@@ -51,14 +53,17 @@ def limit_memory() -> None:
     """Cap the address space at a share of what is free, so that excess fails here and not elsewhere."""
     import resource
 
-    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    limit = int(MEMORY_SHARE * free_memory())
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def free_memory() -> int:
+    """Bytes that the system could hand out."""
     try:
         text = Path("/proc/meminfo").read_text()
-        free = next(int(line.split()[1]) * 1024 for line in text.splitlines() if "MemAvailable" in line)
+        return next(int(line.split()[1]) * 1024 for line in text.splitlines() if "MemAvailable" in line)
     except (OSError, StopIteration):
-        pass
-    limit = int(MEMORY_SHARE * free)
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def prepare_truth(

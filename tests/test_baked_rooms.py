@@ -12,7 +12,7 @@ from approximations.ambient.irradiance_volume import FRAME, Volume, sample, time
 from approximations.ambient.nearest_cube_map import Captured, box_projected
 from approximations.ambient.radiosity_normal_mapping import BASIS, basis_weights
 from approximations.kit.gathered_light import from_lights, meets
-from approximations.kit.light_map import atlas, luxels, place
+from approximations.kit.light_map import atlas, luxels, place, seen_along
 from compare.measure import evaluate
 from reference.render import sample as sample_truth
 from scenes.contract import DIRECT_RADIANCE, ONE_BOUNCE, RADIANCE, AreaLight, Chart, View
@@ -136,3 +136,13 @@ def test_a_final_gather_is_direct_light_and_its_first_bounce():
     settings = gathered_lightmap.settings({"combine": "none"})
     found = evaluate(gathered_lightmap, scene, RADIANCE, settings, 24)
     assert np.allclose(found.mean(axis=(0, 1)), once.mean(axis=(0, 1)), rtol=0.02)
+
+
+def test_a_ray_that_slips_out_between_the_walls_sees_nothing():
+    chart = Chart([0, 0, 0], [1, 0, 0], [0, 1, 0], albedo=0.5)
+    grid = atlas((chart,), 0.25)
+    e = dr.full(mi.Color3f, 1, grid.luxels)
+    far = mi.Float([1.0, dr.inf])
+    view = View(2, 1, None, charts=(chart,), trace=lambda o, d: far)
+    seen = seen_along(view, grid, e, mi.Point3f(0.5, 0.5, 1), mi.Vector3f([0, 0.6], [0, 0], [-1, 0.8]))
+    assert np.allclose(np.array(seen.x), [0.5 / math.pi, 0])

@@ -266,7 +266,7 @@ def test_records_fit_the_schema_and_hold_error_noise_and_cost(store):
         {},
         declared().settings({"spp": 64}),
         ("radiance",),
-        ("stress:albedo",),
+        ("knob:spp",),
         batches=16,
     )
     tracer = replace(task, technique=PATH_TRACER, knobs={"spp": 4}, roles=("path tracer",))

@@ -6,6 +6,7 @@ import pytest
 
 from approximations.contract import find_technique
 from compare import speed
+from scenes.shadow_casters import PoleAndBars
 from scenes.sunlit import SphereOverPlane, Valley
 
 N = 1 << 12
@@ -63,6 +64,11 @@ def test_work_grows_with_the_pixels():
     found = speed.growth(find_technique("constant_ambient"), Valley(), (32, 64, 128))
     assert found["exponent_of_operations"] == pytest.approx(1, abs=1e-9)
     assert len(found["ms"]) == 3
+
+
+def test_what_a_frame_does_whatever_its_size_does_not_hide_how_the_rest_grows():
+    found = speed.growth(find_technique("rotated_poisson_pcf"), PoleAndBars(), (16, 32, 64))
+    assert found["exponent_of_operations"] == pytest.approx(1, abs=0.01)
 
 
 def test_rows_are_kept_beside_those_of_other_techniques(tmp_path):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from reference import moments, render, store
+from reference import truth as truths
 from reference.store import Demand
 from scenes.contract import DIRECT_RADIANCE, RADIANCE, SINGLE_SCATTERING, BadInput
-from scenes.sunlit import SphereOverPlane
+from scenes.sunlit import SphereOverPlane, Valley
 
 SCENE = SphereOverPlane(light_radius=0.3)
 FEW = Demand(0, batches=4)
@@ -239,3 +240,17 @@ def test_constants_that_move_probes_are_in_the_key_of_their_truths(monkeypatch):
     after = [store.truth_key(track, IRRADIANCE, 8), store.truth_key(room, RADIANCE, 8)]
     assert before[0] != after[0]
     assert before[1] == after[1]
+
+
+def test_a_closed_form_is_worked_out_once_by_all_who_share_a_folder(tmp_path, monkeypatch):
+    scene, calls, filtered = Valley(), [], truths.box_filter
+    plain = truths.evaluate_closed_form(scene, DIRECT_RADIANCE, 8)
+    monkeypatch.setattr(truths, "box_filter", lambda image, n: calls.append(n) or filtered(image, n))
+    monkeypatch.setattr(truths, "_kept", None)
+    truths.keep_closed_forms(tmp_path)
+    kept = [truths.evaluate_closed_form(scene, DIRECT_RADIANCE, 8) for _ in range(2)]
+    assert len(calls) == 1
+    assert all(np.array_equal(k.mean, plain.mean) for k in kept)
+    other = truths.evaluate_closed_form(Valley(light_elevation=60.0), DIRECT_RADIANCE, 8)
+    assert len(calls) == 2
+    assert not np.array_equal(other.mean, plain.mean)

@@ -101,10 +101,11 @@ def seen_along(view: View, grid: Atlas, irradiance: mi.Color3f, p: mi.Point3f, w
     """Radiance (W m^-2 sr^-1) that arrives at points p from unit directions w in a world that is lit by its
     light map: a light, or albedo / pi E of the surface that a ray meets."""
     far = view.trace(p, w)
-    hit = mi.Point3f(p + far * w)
+    hits = dr.isfinite(far)
+    hit = mi.Point3f(p + dr.select(hits, far, 0) * w)
     chart = chart_index(hit, view.charts)
     met = dr.inv_pi * dr.gather(mi.Color3f, grid.albedo, chart) * place(grid, hit, chart).fetch(irradiance)
-    met = dr.select(dr.isfinite(far), met, 0)
+    met = dr.select(hits, met, 0)
     for light in view.lights:
         met = dr.select(meets(view, light, p, w), mi.Color3f(light.radiance), met)
     return met
