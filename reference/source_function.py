@@ -20,14 +20,14 @@ from reference.render import batch_seed
 from reference.truth import closed_form, sampler
 from scenes.cloud import CloudSlab, CloudSphere, SunlitCloud
 from scenes.contract import SINGLE_SCATTERING, SOURCE_FUNCTION, View
-from scenes.cumulus import GridCloud
+from scenes.cumulus import Cumulus, GridCloud
 
 LANES = 1 << 20  # paths in flight at once
 PANELS, NODES = 64, 8  # of the Gauss rule along a chord
 
 
 @sampler(CloudSlab, SOURCE_FUNCTION)
-@sampler(GridCloud, SOURCE_FUNCTION)
+@sampler(Cumulus, SOURCE_FUNCTION)
 def source_function(scene: CloudSlab | GridCloud, size: int, spp: int, seed: int) -> np.ndarray:
     """(size, size, C): one batch of spp paths per probe, row by row as `probes` says; C = 3 under a sky,
     which has colours, and 1 under the sun alone."""
