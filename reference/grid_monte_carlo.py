@@ -67,7 +67,12 @@ def flight(
 
 
 def radiance(
-    scene: GridCloud, grid: Grid, p: np.ndarray, w: np.ndarray, rng: np.random.Generator, orders: float = math.inf
+    scene: GridCloud,
+    grid: Grid,
+    p: np.ndarray,
+    w: np.ndarray,
+    rng: np.random.Generator,
+    orders: float = math.inf,
 ) -> np.ndarray:
     """One estimate (n, 3) of L(p, w), W m^-2 sr^-1, for points and unit directions (n, 3), of light that was
     scattered at most `orders` times."""

@@ -53,7 +53,11 @@ def source_function(scene: CloudSlab | GridCloud, size: int, spp: int, seed: int
         met.t = 0.0
         context = mi.PhaseFunctionContext(random)
         wo, weight, _ = medium.phase_function().sample(context, met, random.next_1d(), random.next_2d())
-        light, _, _ = integrator.sample(world, random, mi.RayDifferential3f(met.p, wo), medium)
+        inside, light = scene.inside(met.p), mi.Spectrum(0.0)
+        for where, held in ((inside, medium), (~inside, None)):
+            if dr.any(where):
+                ray = mi.RayDifferential3f(met.p, wo)
+                light += dr.select(where, integrator.sample(world, random, ray, held, where)[0], 0)
         for k in range(channels):
             total[:, k] += np.array(dr.block_sum((weight * light)[k], n), dtype=np.float64)
     x, w = np.array(point, dtype=np.float64).T, np.array(w, dtype=np.float64)

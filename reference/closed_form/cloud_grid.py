@@ -79,7 +79,9 @@ def _integrate(values, shape, o, w, near, far):
         to = dr.minimum(dr.minimum(dr.minimum(x, y), z), far)
         for node in GAUSS:
             at = t + node * (to - t)
-            total += 0.5 * (to - t) * _trilinear(values, shape, [a + at * d for a, d in zip(o, w, strict=True)])
+            total += (
+                0.5 * (to - t) * _trilinear(values, shape, [a + at * d for a, d in zip(o, w, strict=True)])
+            )
         x, y, z = (dr.select(p <= to, p + s, p) for p, s in zip((x, y, z), step, strict=True))
         return to, x, y, z, total
 

@@ -83,9 +83,7 @@ def source_in_cloud_against_walks(seed: int) -> list[Comparison]:
             light = walk.source_function(scene, grid, *probes(scene, 16), rng)
             return light.reshape(SIZE, SIZE, 16, 3).mean(axis=2)[..., :channels]
 
-        found.append(
-            comparison(name(scene, SOURCE_FUNCTION), ours, walked(draw, seeds(seed, 0)))
-        )
+        found.append(comparison(name(scene, SOURCE_FUNCTION), ours, walked(draw, seeds(seed, 0))))
     return found
 
 
@@ -111,9 +109,7 @@ def cumulus_against_walks(seed: int) -> list[Comparison]:
             return light.reshape(SIZE, SIZE, 16, 3).mean(axis=2)
 
         own = walked(draw, seeds(seed, 0))
-        found.append(
-            comparison(name(scene, quantity), rendered(scene, quantity, seeds(seed, 1), 64), own)
-        )
+        found.append(comparison(name(scene, quantity), rendered(scene, quantity, seeds(seed, 1), 64), own))
     return found
 
 
