@@ -1,4 +1,4 @@
-"""Light in a cloud on a grid by random walks in float64 NumPy: a second route beside Mitsuba and closed forms.
+"""Light in a cloud on a grid by random walks in float64 NumPy: a second route beside Mitsuba.
 
 Flights through the varying density are drawn with null collisions under the largest extinction; what is left
 of the sun's light at a point is estimated by the product of the shares of null collisions on the way (ratio

@@ -1,9 +1,9 @@
 r"""Light depth from six samples in a cone and one far out, whatever the way to the sun.
 
-GPU Pro 7, chapter II.4, end of section 4.5.2 and section 4.5.3. The march to the sun takes few samples, strewn
-in a cone that opens towards the sun, so that neighbours count that a ray would miss and no bands show; one
-more, three times as far as the cone is long, catches clouds that stand between. With l the unit direction to
-the sun and h the step (m):
+GPU Pro 7, chapter II.4, end of section 4.5.2 and section 4.5.3. The march to the sun takes few samples,
+strewn in a cone that opens towards the sun, so that neighbours count that a ray would miss and no bands show;
+one more, three times as far as the cone is long, catches clouds that stand between. With l the unit direction
+to the sun and h the step (m):
 
     q_i = x + (i + 1) h l + spread h i n_i,   i = 0..5,  n_i fixed, at random in [-1, 1]^3
     q_L = x + 3 (6 h) l

@@ -1,19 +1,18 @@
-r"""Many orders of scattering as a sum of octaves: the first order again and again, each time brighter deep inside.
+r"""Many orders of scattering as a sum of octaves: the first order again, each time brighter deep inside.
 
-The peer that GPU Pro 7, chapter II.4, refers to for what its own curve leaves out (M. Wrenninge, "Art-Directable
-Multiple Volumetric Scattering", 2015): light that was scattered i times more is taken to be light scattered once
-in a cloud that is thinner towards the sun, scatters less, and scatters more evenly.
+The peer that GPU Pro 7, chapter II.4, refers to for what its own curve leaves out (M. Wrenninge, 2015,
+"Art-Directable Multiple Volumetric Scattering"): light that was scattered i times more is taken to be light
+scattered once in a cloud that is thinner towards the sun, scatters less, and scatters more evenly.
 
     S(x, w) = E_sun sum_{i=0..N-1} b^i phase(cos, g c^i) e^(-a^i d)
     d       = optical depth from x towards the sun, by even steps, as in `cloud_light`
     phase   = Henyey-Greenstein, or two lobes, (HG(g c^i) + HG(back c^i)) / 2, the second towards the sun
 
 a = b = c = 1/2 and the cloud's own g are the usual choice. Octave 0 alone is single scattering, exactly.
-What the sum does with energy: at x's own boundary (d = 0) it scatters sum b^i = (1 - b^N) / (1 - b) times the
-sun's irradiance, under 2 for b = 1/2, and a cloud of albedo 1 has more there: the fluence in a thick layer is
-2.4 times it (digest, table 1). With a >= b a uniform slope of octaves cannot send out more than comes in: over
-an infinite depth octave i integrates to (b / a)^i, so that with b = a every octave gives the same again, N in
-all. N is thus a brightness as well as an accuracy, and b > a would grow without bound.
+At the lit side (d = 0) the sum scatters sum b^i = (1 - b^N) / (1 - b) times the sun's irradiance, under 2 for
+b = 1/2, where a thick layer of albedo 1 has 2.4 times it. Along the sun's ray octave i integrates to
+(b / a)^i, so that with b = a every octave sends out the same again, N in all, and more where b > a: N is a
+brightness as well as an accuracy.
 
 Read as intended: the extinction along the view ray is the cloud's own in all octaves. Rain multiplies d and
 nothing else, as in `cloud_light`.

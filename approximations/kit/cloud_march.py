@@ -1,4 +1,4 @@
-"""The two marches that techniques for clouds share: towards the sun for a light depth, and along the view ray.
+"""Marches that techniques for clouds share: towards the sun for a light depth, and along the view ray.
 
 GPU Pro 7, II.4, sections 4.4.2 and 4.5. Both take even steps with one sample amid each.
 """

@@ -46,7 +46,7 @@ def depth_to_sun(scene: GridCloud, x: np.ndarray) -> np.ndarray:
 
 
 def optical_depth(scene: GridCloud, origin: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Optical depth (n,) with rain along rays of origins and unit directions (n, 3) as far as the box goes."""
+    """Optical depth (n,) with rain along rays, origins and unit directions (n, 3), to the end of the box."""
     sigma_t, _ = scene.rainy
     low, high = np.array(scene.LOW), np.array(scene.HIGH)
     edge = (high - low) / scene.VOXELS

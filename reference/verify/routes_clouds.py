@@ -21,6 +21,7 @@ from scenes.contract import (
     TRANSMITTANCE,
 )
 from scenes.cumulus import Cumulus, GridCloud
+from scenes.cumulus_sky import CumulusUnderSky
 
 
 @check(
@@ -69,12 +70,16 @@ def sun_in_cloud_against_walks(seed: int) -> list[Comparison]:
     "route",
     claim="what a point in a cloud scatters towards the eye is what random walks in float64 give",
     routes=("source-function sampler", "own Monte Carlo"),
-    scenes=("Cumulus",),
+    scenes=("Cumulus", "CumulusUnderSky"),
 )
 def source_in_cloud_against_walks(seed: int) -> list[Comparison]:
-    """The declared sampler on its probes, under the sun and under sun and sky."""
+    """The declared sampler on its probes, under the sun, under sun and sky, and under the sky alone."""
     found = []
-    for scene in (Cumulus(optical_depth=4.0, g=0.2), Cumulus(optical_depth=4.0, g=0.2, lit_by="both")):
+    for scene in (
+        Cumulus(optical_depth=4.0, g=0.2),
+        Cumulus(optical_depth=4.0, g=0.2, lit_by="both"),
+        CumulusUnderSky(optical_depth=4.0, g=0.2),
+    ):
         declared = sample(scene, SOURCE_FUNCTION, SIZE)
         ours = Sampled.of([declared(64, s) for s in seeds(seed, 1)])
         grid, channels = walk.Grid(scene), 1 if scene.lit_by == "sun" else 3
