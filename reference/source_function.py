@@ -15,31 +15,26 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import exprel
 
 from reference import transport
-from reference.closed_form.cloud_grid import depth_to_sun
 from reference.render import batch_seed
 from reference.truth import closed_form, sampler
 from scenes.cloud import CloudSlab, CloudSphere, SunlitCloud
 from scenes.contract import SINGLE_SCATTERING, SOURCE_FUNCTION, View
-from scenes.cumulus import Cumulus, GridCloud
 
 LANES = 1 << 20  # paths in flight at once
 PANELS, NODES = 64, 8  # of the Gauss rule along a chord
 
 
 @sampler(CloudSlab, SOURCE_FUNCTION)
-@sampler(Cumulus, SOURCE_FUNCTION)
-def source_function(scene: CloudSlab | GridCloud, size: int, spp: int, seed: int) -> np.ndarray:
-    """(size, size, C): one batch of spp paths per probe, row by row as `probes` says; C = 3 under a sky,
-    which has colours, and 1 under the sun alone."""
+def source_function(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndarray:
+    """(size, size, 1): one batch of spp paths per probe, row by row as `probes` says."""
     description = scene.mitsuba(size)
     world = mi.load_dict(description)
     medium = world.shapes()[0].interior_medium()
     integrator = mi.load_dict(transport.integrator(description, SOURCE_FUNCTION))
     probes = scene.probes(size)
     point, w = probes.camera.origin, probes.camera.direction
-    channels = 1 if probes.environment is None else 3
 
-    total = np.zeros((size * size, channels))
+    total = np.zeros(size * size)
     chunk = max(1, LANES // size**2)
     for first in range(0, spp, chunk):
         n = min(chunk, spp - first)
@@ -47,29 +42,18 @@ def source_function(scene: CloudSlab | GridCloud, size: int, spp: int, seed: int
         random.seed(batch_seed(seed, first // chunk), size * size * n)
         lane = dr.arange(mi.UInt32, size * size * n) // n
         met = dr.zeros(mi.MediumInteraction3f, size * size * n)
-        met.p = dr.gather(mi.Point3f, mi.Point3f(point), lane)
+        met.p = dr.gather(mi.Point3f, point, lane)
         met.wi = -dr.gather(mi.Vector3f, w, lane)
         met.sh_frame = mi.Frame3f(met.wi)
         met.t = 0.0
         context = mi.PhaseFunctionContext(random)
         wo, weight, _ = medium.phase_function().sample(context, met, random.next_1d(), random.next_2d())
-        inside, light = scene.inside(met.p), mi.Spectrum(0.0)
-        for where, held in ((inside, medium), (~inside, None)):
-            if dr.any(where):
-                ray = mi.RayDifferential3f(met.p, wo)
-                light += dr.select(where, integrator.sample(world, random, ray, held, where)[0], 0)
-        for k in range(channels):
-            total[:, k] += np.array(dr.block_sum((weight * light)[k], n), dtype=np.float64)
-    x, w = np.array(point, dtype=np.float64).T, np.array(w, dtype=np.float64)
-    sun = probes.sun.irradiance * _lobe(scene, w) * np.exp(-_depth_to_sun(scene, x))
-    return (total / spp + sun[:, None]).reshape(size, size, channels)
-
-
-def _depth_to_sun(scene: CloudSlab | GridCloud, x: np.ndarray) -> np.ndarray:
-    """Optical depth (n,) from points (n, 3) towards the sun."""
-    if isinstance(scene, GridCloud):
-        return depth_to_sun(scene, x)
-    return scene.rainy[0] * (1 - x[:, 2]) / scene.to_sun()[2]
+        light, _, _ = integrator.sample(world, random, mi.RayDifferential3f(met.p, wo), medium)
+        total += np.array(dr.block_sum((weight * light).x, n), dtype=np.float64)
+    z, w, sigma_t = np.array(point, dtype=np.float64)[2], np.array(w, dtype=np.float64), scene.rainy[0]
+    depth = sigma_t * (1 - z) / scene.to_sun()[2]
+    sun = probes.sun.irradiance * _lobe(scene, w) * np.exp(-depth)
+    return (total / spp + sun).reshape(size, size, 1)
 
 
 @closed_form(CloudSlab, SINGLE_SCATTERING)

@@ -16,8 +16,9 @@ from approximations.clouds.cone_light import EVERY_STEP, _vector, cone_light
 from approximations.clouds.scattering_octaves import octave_light, octave_source
 from approximations.kit.exponential_integral import e2
 from reference.closed_form.cloud_grid import cloud_transmittance, optical_depth, sun_transmittance
+from reference.grid_source_function import grid_source_function
 from reference.slab_monte_carlo import phase
-from reference.source_function import once_scattered_by_sphere, source_function
+from reference.source_function import once_scattered_by_sphere
 from scenes.cloud import CloudSlab, CloudSphere
 from scenes.cumulus import Cumulus
 from scenes.cumulus_sky import CumulusUnderSky
@@ -131,7 +132,7 @@ def test_a_cloud_hides_the_more_the_deeper_it_is_and_nothing_in_the_corners():
 
 def test_where_all_comes_from_all_sides_alike_a_cloud_is_not_seen():
     """Radiance 1 from everywhere and no absorption: 1 everywhere, also at probes beside the box."""
-    s = source_function(Even(optical_depth=1.0, lit_by="sky", g=0.5), 4, 64, 2)
+    s = grid_source_function(Even(optical_depth=1.0, lit_by="sky", g=0.5), 4, 64, 2)
     assert s.shape == (4, 4, 3)
     assert np.allclose(s, 1, atol=0.2)
     assert s.mean() == pytest.approx(1, abs=0.02)
