@@ -1,8 +1,9 @@
 """The source function of a cloud of varying density by Mitsuba: what a point scatters towards the eye.
 
-As `reference.source_function` has it for a layer, with the sun's own term by the exact depth through the grid.
-Probes whose rays miss the cloud's box stay at the eye, outside the medium, and start there; they scatter as a
-droplet would. Under a sky S has colours. A module of its own, so that truths of layers stay as they are stored.
+As `reference.source_function` has it for a layer, with the sun's own term by the exact depth through the
+grid. Probes whose rays miss the cloud's box stay at the eye, outside the medium, and start there, where they
+scatter as a droplet would. Under a sky S has colours. A module of its own, so that stored truths of layers,
+whose names depend on the sampler's text, stay valid.
 """
 
 from __future__ import annotations
