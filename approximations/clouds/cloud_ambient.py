@@ -34,9 +34,10 @@ from approximations.contract import (
     Sweep,
     technique,
 )
-from approximations.kit.exponential_integral import e2
 from scenes.contract import SOURCE_FUNCTION, Scene, View
 from scenes.cumulus_sky import CumulusUnderSky
+
+COSINES = 64  # of the directions over which E2 is summed
 
 
 @technique(
@@ -71,7 +72,7 @@ def cloud_ambient(
         h = dr.clip((x.z - cloud.model.base) / (cloud.model.top - cloud.model.base), 0, 1)
         return share * dr.lerp(ground, sky, h)
     k = cloud.precipitation * (1 - cloud.g if depth == "similar" else 1)
-    above, below = (e2(k * _depth(view, x, w, steps)) for w in (up, -up))
+    above, below = (_e2(k * _depth(view, x, w, steps)) for w in (up, -up))
     return 0.5 * (sky * above + ground * below)
 
 
@@ -81,6 +82,19 @@ def domain(scene: Scene) -> Domain:
     if scene.lit_by != "sky":
         return Domain(False, "sunlight, which the term is added to and does not hold")
     return Domain(True)
+
+
+def _e2(t: mi.Float) -> mi.Float:
+    """int_0^1 e^(-t/m) dm at optical depths t >= 0, by COSINES samples amid even steps: within 0.001, since the
+    integrand comes to 0 at m = 0 with all its slopes."""
+
+    def add(i, total):
+        m = (mi.Float(i) + 0.5) / COSINES
+        return i + 1, total + dr.exp(-t / m)
+
+    start = (mi.UInt32(0), dr.zeros(mi.Float, dr.width(t)))
+    _, total = dr.while_loop(start, lambda i, total: i < COSINES, add)
+    return total / COSINES
 
 
 def _depth(view: View, x: mi.Point3f, w: mi.Vector3f, steps: int) -> mi.Float:

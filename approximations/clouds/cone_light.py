@@ -50,6 +50,7 @@ from scenes.contract import SUN_TRANSMITTANCE, Scene, View
 from scenes.cumulus import Cumulus
 
 FAR = 3.0  # lengths of the cone at which the far sample stands
+INTERVAL = 4.0  # lengths of the cone that it stands for: from 1 to 5
 EVERY_STEP = {"path": "straight", "samples": 1024, "step": 4.0, "far": "none", "at": "middles"}
 
 
@@ -98,7 +99,7 @@ def cone_light(
     _, _, total = dr.while_loop(start, lambda i, strayed, total: i < turns, march)
     cone = samples * step
     if far != "none":
-        weight = 1.0 if far == "step" else 2 * (FAR - 1) * samples
+        weight = 1.0 if far == "step" else INTERVAL * samples
         total += weight * cloud.extinction(x + FAR * cone * l)
     return dr.exp(-view.cloud.precipitation * step * total)
 

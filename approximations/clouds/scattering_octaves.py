@@ -12,7 +12,8 @@ a = b = c = 1/2 and the cloud's own g are the usual choice. Octave 0 alone is si
 At the lit side (d = 0) the sum scatters sum b^i = (1 - b^N) / (1 - b) times the sun's irradiance, under 2 for
 b = 1/2, where a thick layer of albedo 1 has 2.4 times it. Along the sun's ray octave i integrates to
 (b / a)^i, so that with b = a every octave sends out the same again, N in all, and more where b > a: N is a
-brightness as well as an accuracy.
+brightness as well as an accuracy. The usual choice leaves thick clouds a good half too dark; b = 0.7 comes
+nearer and is no bound any more.
 
 Read as intended: the extinction along the view ray is the cloud's own in all octaves. Rain multiplies d and
 nothing else, as in `cloud_light`.
@@ -62,7 +63,7 @@ def octave_source(
     eccentricity: Annotated[float, Sweep(0.5, 0.8, low=0.0, high=1.0)] = 0.5,
     lobes: Literal["one", "two"] = "one",
     back: Annotated[float, Sweep(-0.5, low=-0.95, high=0.0)] = -0.5,
-    light_steps: Annotated[int, Sweep(6, 16, low=1, high=1024)] = 16,
+    light_steps: Annotated[int, Sweep(6, 16, low=1, high=1024)] = 6,
 ) -> mi.Color3f:
     """Source function (W m^-2 sr^-1) at the probes: the camera's origins are points in the cloud, its
     directions run from eye to sample. Knobs as in `octave_light`."""
