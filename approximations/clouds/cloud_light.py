@@ -45,9 +45,11 @@ from approximations.contract import (
     exact_when,
     technique,
 )
+from approximations.kit.cloud_march import light_depth, view_march
 from approximations.kit.phase import henyey_greenstein
 from scenes.cloud import CloudSlab, CloudSphere
 from scenes.contract import RADIANCE, SINGLE_SCATTERING, SOURCE_FUNCTION, Scene, View
+from scenes.cumulus import Cumulus
 
 ONCE_SCATTERED = {"energy": "beer", "phase": "exact", "steps": 1024}
 
@@ -56,7 +58,7 @@ ONCE_SCATTERED = {"energy": "beer", "phase": "exact", "steps": 1024}
     source="GPU Pro 7, II.4, sec. 4.4",
     covers=tuple(f"cloudscapes/{i:02d}" for i in range(8, 13)),
     estimates=SOURCE_FUNCTION,
-    on=(CloudSlab,),
+    on=(CloudSlab, Cumulus),
     replaces="the source function of all orders of scattering",
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
     claims=(LINEAR_IN_LIGHT,),
@@ -73,7 +75,7 @@ def cloud_source(
 ) -> mi.Color3f:
     """Source function E_sun E f (W m^-2 sr^-1) at the probes: the camera's origins are points in the
     cloud, its directions run from eye to sample. Knobs as in `cloud_light`."""
-    depth = _light_depth(view, view.camera.origin, light_steps)
+    depth = light_depth(view, view.camera.origin, light_steps)
     lobe = _lobe(view, phase, g)
     return mi.Color3f(view.sun.irradiance * _energy(depth, view.cloud.precipitation, energy, rain_in) * lobe)
 
@@ -83,7 +85,7 @@ def cloud_source(
     covers=tuple(f"cloudscapes/{i:02d}" for i in range(8, 13)),
     estimates=RADIANCE,
     also=(SINGLE_SCATTERING,),
-    on=(CloudSlab, CloudSphere),
+    on=(CloudSlab, CloudSphere, Cumulus),
     replaces="all orders of scattering in a cloud in sunlight",
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
     claims=(
@@ -116,20 +118,13 @@ def cloud_light(
     light_steps  samples of the march to the sun.
     steps        samples along the view ray.
     """
-    cloud, o, w = view.cloud, view.camera.origin, view.camera.direction
-    near, far = cloud.span(o, w)
-    ds = (far - near) / steps
+    cloud = view.cloud
 
-    def march(i, through, gathered):
-        x = o + (near + (mi.Float(i) - 0.5) * ds) * w
-        a = cloud.extinction(x) * ds
-        depth = _light_depth(view, x, light_steps)
-        lit = _energy(depth, cloud.precipitation, energy, rain_in)
-        kept = dr.exp(-a)
-        return i + 1, through * kept, gathered + through * (1 - kept) * lit
+    def source(x: mi.Point3f, active: mi.Bool) -> mi.Float:
+        depth = light_depth(view, x, light_steps, active)
+        return _energy(depth, cloud.precipitation, energy, rain_in)
 
-    start = (mi.UInt32(1), dr.ones(mi.Float, dr.width(near)), dr.zeros(mi.Float, dr.width(near)))
-    _, _, gathered = dr.while_loop(start, lambda i, through, gathered: i <= steps, march)
+    gathered = view_march(view, steps, source)
     return mi.Color3f(view.sun.irradiance * cloud.albedo * _lobe(view, phase, g) * gathered)
 
 
@@ -143,7 +138,9 @@ def domain(scene: Scene) -> Domain:
         )
     if scene.optical_depth < 4:
         return Domain(False, "a thin veil: the curve takes its light depth for the inside of a cloud")
-    if isinstance(scene, CloudSlab) and scene.sun_elevation < 10:
+    if isinstance(scene, Cumulus) and scene.lit_by != "sun":
+        return Domain(False, "the light of the sky, for which the chapter has no term")
+    if not isinstance(scene, CloudSphere) and scene.sun_elevation < 10:
         return Domain(False, "under a low sun the light's way through a layer is many times its thickness")
     return Domain(True)
 
@@ -160,17 +157,3 @@ def _lobe(view: View, phase: str, g: float) -> mi.Float:
     cosine = dr.dot(view.camera.direction, view.sun.direction)
     lobe = henyey_greenstein(cosine, view.cloud.g if phase == "exact" else g)
     return lobe * (3.1415 * dr.pi) if phase == "printed" else lobe
-
-
-def _light_depth(view: View, x: mi.Point3f, steps: int) -> mi.Float:
-    """Optical depth from x towards the sun, without rain (4.4.2)."""
-    cloud, l = view.cloud, view.sun.direction
-    _, way_out = cloud.span(x, l)
-    h = way_out / steps
-
-    def march(i, total):
-        return i + 1, total + cloud.extinction(x + (mi.Float(i) - 0.5) * h * l)
-
-    start = (mi.UInt32(1), dr.zeros(mi.Float, dr.width(x)))
-    _, total = dr.while_loop(start, lambda i, total: i <= steps, march)
-    return h * total
