@@ -11,9 +11,9 @@ of density costs one read of a texture with four channels, not ten noises of 27 
     G = W(8, 16, 32),  B = W(16, 32, 64),  A = 3/4 w_32 + 1/4 w_64
 
 128^3 texels of four 8-bit channels are 8 MiB, of 16 bits 16 MiB, without mips. There R runs from 0.363 to
-0.974 with a mean of 0.738, so that it uses six tenths of its 255 steps; G from 0.040 to 0.908, B from 0.015 to
-0.917 and A from 0 to 0.967, with means of 0.477. Read between texels, R errs by 0.007 and G by 0.006, but A, of
-two texels to the finest cell, by 0.034.
+0.974 with a mean of 0.738, so that it uses six tenths of its 255 steps; G from 0.040 to 0.908, B from 0.015
+to 0.917 and A from 0 to 0.967, with means of 0.477. Read between texels, R errs by 0.007 and G by 0.006,
+but A, of two texels to the finest cell, by 0.034.
 
 In print, and what was done here:
 - Cells, octaves and how Perlin noise is scaled are not given; these are what public implementations use. That

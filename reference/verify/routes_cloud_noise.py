@@ -12,11 +12,14 @@ import functools
 import numpy as np
 from scipy.spatial import cKDTree
 
+from reference.closed_form.cloud_density import density_in_section
 from reference.closed_form.cloud_noise import noise_on_plane
 from reference.verify.agreement import Sampled
 from reference.verify.checks import Comparison, check
 from reference.verify.routes import SIZE, name
 from scenes.contract import DENSITY
+from scenes.cumulus import Cumulus
+from scenes.density_section import DensitySection
 from scenes.noise_tile import NoiseTile
 
 EDGES = np.array(
@@ -59,6 +62,82 @@ def noise_against_tree(seed: int) -> list[Comparison]:
         exact = noise_on_plane(scene, SIZE)
         found.append(Comparison(label, Sampled.exact(image), Sampled.exact(exact), WITHIN))
     return found
+
+
+@check(
+    "route",
+    claim="the modelled density of a cloud is what nearest points of a tree and its recipe say",
+    routes=("k-d tree and list", "closed form"),
+    scenes=("DensitySection",),
+)
+def density_against_tree(seed: int) -> list[Comparison]:
+    """Types and weathers, at the section's probes."""
+    found = []
+    for fields in ({}, {"type": 0.3, "cover": 1.5}, {"precipitation": 0.5}, {"type": 0.0, "cover": 1.6}):
+        scene = DensitySection(**fields)
+        image = modelled(scene, scene.points(SIZE).T).reshape(SIZE, SIZE, 1)
+        exact = density_in_section(scene, SIZE)
+        label = f"{name(scene, DENSITY)} {fields}"
+        found.append(Comparison(label, Sampled.exact(image), Sampled.exact(exact), WITHIN))
+    return found
+
+
+def modelled(scene: DensitySection, p: np.ndarray) -> np.ndarray:
+    """Density at points (n, 3) in m: the share of a perfect cover that is left when what the weather spares
+    and what detail wears are taken off, written with 1 - R instead of R throughout."""
+    model = scene.model()
+    h = (p[:, 2] - model.base) / (model.top - model.base)
+    inside = (h > 0) & (h < 1)
+    h = np.clip(h, 0, 1)
+    away = [np.hypot(p[:, 0] - x, p[:, 1] - y) / r for x, y, r, _ in Cumulus.HEAPS]
+    heaps = [heap[3] * (1 - d**2) for heap, d in zip(Cumulus.HEAPS, away, strict=True)]
+    rain = scene.precipitation
+    cover = np.maximum(scene.cover * np.max([*heaps, np.zeros(len(p))], axis=0), 0.7 * rain)
+    kind = 1 - (1 - scene.type) * (1 - rain)
+
+    q = p / model.tile
+    spared = (1 - perlin_sum(q, 8)) * (1 - octave_sum(q, (8, 32, 56)))
+    wide = (
+        octave_sum(q, (8, 16, 32)),
+        octave_sum(q, (16, 32, 64)),
+        0.75 * worley(q, 32) + 0.25 * worley(q, 64),
+    )
+    f = np.array([5, 2, 1]) @ np.stack(wide) / 8
+    base = (1 - spared / (2 - f)) * grown(h, kind)
+    left = np.maximum(base + cover - 1, 0)
+
+    at = p / model.detail_tile
+    torn = at + ((1 - h) * model.curl / model.detail_tile)[:, None] * curl(at)
+    octaves = [octave_sum(torn, c, 1) for c in ((2, 4, 8), (4, 8, 16))]
+    octaves.append(0.75 * worley(torn, 8, 1) + 0.25 * worley(torn, 16, 1))
+    detail = np.array([5, 2, 1]) @ np.stack(octaves) / 8
+    turned = np.minimum(10 * h, 1)
+    worn = model.erosion * (detail + turned * (1 - 2 * detail))
+    return np.where(inside, np.clip(1 - (1 - left) / (1 - worn), 0, 1), 0)
+
+
+def grown(h: np.ndarray, kind: float) -> np.ndarray:
+    """Height profile of a type in [0, 1], between the two whole types that it lies between."""
+    decks = np.array([(0.02, 0.05, 0.09, 0.11), (0.02, 0.2, 0.48, 0.625), (0.01, 0.0625, 0.78, 1.0)])
+    below = min(int(2 * kind), 1)
+    profiles = [_ramp(h, a, b) - _ramp(h, c, d) for a, b, c, d in decks[below : below + 2]]
+    return profiles[0] + (2 * kind - below) * (profiles[1] - profiles[0])
+
+
+def _ramp(h: np.ndarray, low: float, high: float) -> np.ndarray:
+    """The cubic from 0 to 1 that is level at both ends."""
+    return np.polyval([-2, 3, 0, 0], np.clip((h - low) / (high - low), 0, 1))
+
+
+def curl(q: np.ndarray, step: float = 1 / 1024) -> np.ndarray:
+    """Of a plane potential, points (n, 3) in tiles: by differences over two steps, as the model has it."""
+    right, up = np.array([step, 0, 0]), np.array([0, step, 0])
+    plane = q * [1, 1, 0]
+
+    def rise(along: np.ndarray) -> np.ndarray:
+        return (perlin(plane + along, 4, 2) - perlin(plane - along, 4, 2)) / (8 * step)
+
+    return np.stack([rise(up), -rise(right), np.zeros(len(q))], axis=-1)
 
 
 def octave_sum(q: np.ndarray, cells: tuple[int, int, int], seed: int = 0) -> np.ndarray:
