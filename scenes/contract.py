@@ -332,6 +332,7 @@ class View:
     velocity: Any = None  # of the model at each probe, m/s
     fog: Fog | None = None
     cloud: Cloud | None = None
+    noise: Any = None  # what the noise at the probes is made of (scenes.noise_tile.Recipe), in tiles
     fragments: Fragments | None = None
     solids: tuple[Solid, ...] = ()
     bounds: tuple[Any, Any] | None = None  # lower and upper corner of what a volume has to cover, m
