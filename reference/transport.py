@@ -170,7 +170,8 @@ def scatters(description: dict) -> bool:
 
 def _dark(shape: dict) -> bool:
     """Whether a shape has one BSDF, and that is black or passes light straight through."""
-    found = [v for v in shape.values() if isinstance(v, dict) and _is_black(v) is not None]
+    parts = {k: v for k, v in shape.items() if k not in ("interior", "exterior")}
+    found = [v for v in parts.values() if isinstance(v, dict) and _is_black(v) is not None]
     return bool(found) and all(_is_black(v) for v in found)
 
 
