@@ -215,3 +215,10 @@ def test_detail_is_turned_over_at_the_base(textures):
 def test_density_is_that_of_trees_and_lists():
     for c in density_against_tree(1):
         assert np.abs(c.first.mean - c.second.mean).max() < 1e-12, c.label
+
+
+def test_mitsuba_sees_the_field_the_right_way_up():
+    for scene in (NoiseTile(span=0.2), DensitySection()):
+        world = mi.load_dict(scene.mitsuba(128) | {"integrator": {"type": "path"}})
+        seen = np.array(mi.render(world, spp=4, seed=1))[..., :1]
+        assert np.corrcoef(seen.ravel(), scene.values(128).ravel())[0, 1] > 0.98

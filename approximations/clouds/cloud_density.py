@@ -13,9 +13,9 @@ share h of the layer's height, where the map gives the coverage c, the precipita
 
 A cheap sample stops at `covered`; what detail takes away it lacks, so it is nowhere the lower one.
 
-Of a cumulus, 0.107 dense on average over a section, the textures miss 0.003 (128^3, 64^3: 0.007, 32^3: 0.012),
-and rounding to 8 bits adds 1 % to that; what is read differently counts twenty times as much. Without detail
-there is 44 % more cloud.
+Of a cumulus, 0.107 dense on average over a section, the textures miss 0.003 (128^3, 64^3: 0.007, 32^3:
+0.012), and rounding to 8 bits adds 1 % to that; what is read differently counts twenty times as much.
+Without detail there is 44 % more cloud.
 
 In print, and what was done here:
 - Coverage itself is the old minimum, so that more of it leaves less cloud, against the text
