@@ -101,7 +101,7 @@ def cloud_density(
     blend: Literal["functions", "parameters"] = "functions",
     lookup: Literal["textures", "exact"] = "textures",
 ) -> mi.Float:
-    """Density, one number per probe.
+    """Density, 0 to 1, one number per probe.
 
     sampler   "cheap" leaves the second texture, and all that wears at edges, aside
     coverage  the old minimum: 1 - c, or c as printed
@@ -139,13 +139,16 @@ def cloud_density(
 def bake(
     view: View,
     *,
-    size: Annotated[int, Sweep(32, 64, 128, low=4, high=256)] = 128,
+    resolution: Annotated[int, Sweep(32, 64, 128, low=4, high=256)] = 128,
     storage: Literal["8 bits", "16 bits", "exact"] = "8 bits",
 ) -> Textures:
-    """The textures. size: texels along an edge of the first, by default for 8 MiB; storage: bits of every
-    channel, "exact" for float."""
+    """The textures.
+
+    resolution  texels along an edge of the first; the default makes 8 MiB
+    storage     bits of every channel, "exact" for float
+    """
     return Textures(
-        packed(shape_noise, size, storage),
+        packed(shape_noise, resolution, storage),
         packed(detail_noise, DETAIL_SIZE, storage),
         packed_curl(CURL_SIZE, storage),
     )
