@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from scenes.cloud_density import CloudModel, Weather, density
-from scenes.contract import DENSITY, Axis, Camera, Cloud, Scene, View, scene
+from scenes.contract import DENSITY, Axis, Camera, Cloud, View, scene
 from scenes.cumulus import Cumulus
+from scenes.section import Section
 
 
 @scene(
@@ -22,7 +21,7 @@ from scenes.cumulus import Cumulus
     exposure=(-1.0, 1.0),
 )
 @dataclass(frozen=True)
-class DensitySection(Scene):
+class DensitySection(Section):
     """The cloud of `Cumulus` cut at y = Y, 3200 m across and from 1100 to 2900 m above the ground.
 
     cover          factor on the coverage of the weather map, which reaches 0.6
@@ -53,11 +52,10 @@ class DensitySection(Scene):
         z, x = np.meshgrid(top - (top - bottom) * at, left + (right - left) * at, indexing="ij")
         return np.stack([x.ravel(), np.full(size * size, self.Y), z.ravel()])
 
-    def probes(self, size: int = 128) -> View:
-        """The points as origins of the camera's rays."""
-        points = mi.Point3f(self.points(size).astype(np.float32))
-        ahead = mi.Vector3f(0, 1, 0)
-        camera = Camera(points, dr.repeat(ahead, size * size), ahead, 0.0, math.inf)
+    def values(self, size: int) -> np.ndarray:
+        return np.array(density(self.model(), mi.Point3d(self.points(size)))).reshape(size, size, 1)
+
+    def given(self, size: int, camera: Camera) -> View:
         model = self.model()
         cloud = Cloud(
             extinction=lambda p: density(model, p),

@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scenes.contract import DENSITY, Axis, Camera, Scene, View, scene
+from scenes.cloud_noise import perlin, worley
+from scenes.contract import DENSITY, Axis, Camera, View, scene
+from scenes.section import Section
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,16 @@ class Recipe:
     exposure=(-1.0, 1.0),
 )
 @dataclass(frozen=True)
-class NoiseTile(Scene):
+class NoiseTile(Section):
     """A plane through a cube of noise with an edge of 1 m, which repeats in all directions.
 
     channel  R: Perlin noise swollen by Worley noise; G, B, A: sums of ever finer Worley octaves.
     cells    a tile along an edge, of the coarsest octave; the finest has eight times as many.
     span     tiles from edge to edge of the image.
+
+    With N_n and w_n Perlin and Worley octaves of n cells, W = (5 w_a + 2 w_b + w_c) / 8 and c the cells
+    of the coarsest, P = (1 + (4 N_c + 2 N_2c + N_4c) / 7) / 2 and R is 1 - (1 - P) (1 - W), W of c, 4c
+    and 7c: of the readings of "Perlin-Worley" the one that stays between 0 and 1.
     """
 
     channel: Literal["R", "G", "B", "A"] = "R"
@@ -51,9 +56,21 @@ class NoiseTile(Scene):
         parts = zip(self.MIDDLE, self.ACROSS, self.DOWN, strict=True)
         return np.stack([m + across * a + down * d for m, a, d in parts])
 
-    def probes(self, size: int = 128) -> View:
-        """The points as origins of the camera's rays."""
-        points = mi.Point3f(self.points(size).astype(np.float32))
-        ahead = mi.Vector3f(0, 0, 1)
-        camera = Camera(points, dr.repeat(ahead, size * size), ahead, 0.0, math.inf)
+    def values(self, size: int) -> np.ndarray:
+        q, c = mi.Point3d(self.points(size)), self.cells
+
+        def octaves(*cells: int) -> np.ndarray:
+            return np.array([5, 2, 1]) @ [np.array(worley(q, n)) for n in cells] / 8
+
+        if self.channel == "R":
+            n = np.array([4, 2, 1]) @ [np.array(perlin(q, f)) for f in (c, 2 * c, 4 * c)] / 7
+            image = 1 - (0.5 - 0.5 * n) * (1 - octaves(c, 4 * c, 7 * c))
+        elif self.channel == "A":
+            image = np.array([0.75, 0.25]) @ [np.array(worley(q, n)) for n in (4 * c, 8 * c)]
+        else:
+            k = c if self.channel == "G" else 2 * c
+            image = octaves(k, 2 * k, 4 * k)
+        return image.reshape(size, size, 1)
+
+    def given(self, size: int, camera: Camera) -> View:
         return View(size, size, camera, noise=Recipe("RGBA".index(self.channel), self.cells))

@@ -126,16 +126,16 @@ def test_mixed_profiles_have_two_decks_and_mixed_heights_one():
 
 @pytest.mark.parametrize("channel", "RGBA")
 def test_composed_octaves_are_the_closed_form(channel):
-    assert noise_error(NoiseTile(channel=channel), {"lookup": "exact"}, size=4) < 1e-6
+    assert noise_error(NoiseTile(channel=channel), {"lookup": "exact"}, resolution=4) < 1e-6
 
 
 def test_errors_fall_as_the_square_of_the_texel_and_stop_at_half_a_step():
     scene = NoiseTile(cells=2)
-    coarse, fine = (noise_error(scene, size=n, storage="exact") for n in (32, 64))
+    coarse, fine = (noise_error(scene, resolution=n, storage="exact") for n in (32, 64))
     assert 2.8 < coarse / fine < 5
-    assert noise_error(scene, {"lookup": "nearest"}, size=64) > 1.5 * noise_error(scene, size=64)
-    assert noise_error(scene, size=64, storage="8 bits") > fine
-    assert noise_error(NoiseTile(cells=8), size=64, storage="exact") > 3 * fine
+    assert noise_error(scene, {"lookup": "nearest"}, resolution=64) > 1.5 * noise_error(scene, resolution=64)
+    assert noise_error(scene, resolution=64, storage="8 bits") > fine
+    assert noise_error(NoiseTile(cells=8), resolution=64, storage="exact") > 3 * fine
 
 
 def test_worley_noise_is_one_at_a_feature_point_and_falls_by_a_cell_a_unit():
@@ -151,7 +151,7 @@ def test_noise_is_that_of_trees_and_lists():
 
 @pytest.fixture(scope="module")
 def textures():
-    return density_bake(DensitySection().probes(8), size=64)
+    return density_bake(DensitySection().probes(8), resolution=64)
 
 
 def section(textures, fields=None, **knobs):
@@ -215,3 +215,10 @@ def test_detail_is_turned_over_at_the_base(textures):
 def test_density_is_that_of_trees_and_lists():
     for c in density_against_tree(1):
         assert np.abs(c.first.mean - c.second.mean).max() < 1e-12, c.label
+
+
+def test_mitsuba_sees_the_field_the_right_way_up():
+    for scene in (NoiseTile(span=0.2), DensitySection()):
+        world = mi.load_dict(scene.mitsuba(128) | {"integrator": {"type": "path"}})
+        seen = np.array(mi.render(world, spp=4, seed=1))[..., :1]
+        assert np.corrcoef(seen.ravel(), scene.values(128).ravel())[0, 1] > 0.98

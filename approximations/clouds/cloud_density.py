@@ -13,6 +13,10 @@ share h of the layer's height, where the map gives the coverage c, the precipita
 
 A cheap sample stops at `covered`; what detail takes away it lacks, so it is nowhere the lower one.
 
+Of a cumulus, 0.107 dense on average over a section, the textures miss 0.003 (128^3, 64^3: 0.007, 32^3:
+0.012), and rounding to 8 bits adds 1 % to that; what is read differently counts twenty times as much.
+Without detail there is 44 % more cloud.
+
 In print, and what was done here:
 - Coverage itself is the old minimum, so that more of it leaves less cloud, against the text
   (`coverage="printed"`). With 1 - c instead the two steps come to base - (1 - c), which grows with c, is all
@@ -97,7 +101,7 @@ def cloud_density(
     blend: Literal["functions", "parameters"] = "functions",
     lookup: Literal["textures", "exact"] = "textures",
 ) -> mi.Float:
-    """Density, one number per probe.
+    """Density, 0 to 1, one number per probe.
 
     sampler   "cheap" leaves the second texture, and all that wears at edges, aside
     coverage  the old minimum: 1 - c, or c as printed
@@ -135,13 +139,16 @@ def cloud_density(
 def bake(
     view: View,
     *,
-    size: Annotated[int, Sweep(32, 64, 128, low=4, high=256)] = 128,
+    resolution: Annotated[int, Sweep(32, 64, 128, low=4, high=256)] = 128,
     storage: Literal["8 bits", "16 bits", "exact"] = "8 bits",
 ) -> Textures:
-    """The textures. size: texels along an edge of the first, by default for 8 MiB; storage: bits of every
-    channel, "exact" for float."""
+    """The textures.
+
+    resolution  texels along an edge of the first; the default makes 8 MiB
+    storage     bits of every channel, "exact" for float
+    """
     return Textures(
-        packed(shape_noise, size, storage),
+        packed(shape_noise, resolution, storage),
         packed(detail_noise, DETAIL_SIZE, storage),
         packed_curl(CURL_SIZE, storage),
     )

@@ -72,8 +72,10 @@ class Baked:
 def packed_noise(
     view: View, baked: Baked, *, lookup: Literal["nearest", "trilinear", "exact"] = "trilinear"
 ) -> mi.Float:
-    """The recipe's channel, one number per probe. lookup: how the texture is read; "exact" does without and
-    composes the octaves at the probe itself."""
+    """The recipe's channel, 0 to 1, one number per probe.
+
+    lookup  how the texture is read; "exact" does without and composes the octaves at the probe itself
+    """
     q, recipe = view.camera.origin, view.noise
     if lookup == "exact":
         return shape_noise(q, recipe.cells, baked.first)[recipe.channel]
@@ -87,18 +89,18 @@ def packed_noise(
 def bake(
     view: View,
     *,
-    size: Annotated[int, Sweep(32, 64, 128, low=4, high=256)] = 128,
+    resolution: Annotated[int, Sweep(32, 64, 128, low=4, high=256)] = 128,
     storage: Literal["8 bits", "16 bits", "exact"] = "8 bits",
     first: Literal["dilated", "printed", "product", "perlin", "billows"] = "dilated",
 ) -> Baked:
     """The texture, from the noise at the middles of its texels.
 
-    size     texels along an edge
-    storage  bits a channel, from 0 to 1; "exact" is float
-    first    what R is: the readings W + P (1 - W), (P - W) / (1 - W) and W P; or P or |2 P - 1| alone
+    resolution  texels along an edge
+    storage     bits a channel, from 0 to 1; "exact" is float
+    first       what R is: the readings W + P (1 - W), (P - W) / (1 - W) and W P; or P or |2 P - 1| alone
     """
     recipe = view.noise
-    return Baked(packed(lambda q: shape_noise(q, recipe.cells, first), size, storage), first)
+    return Baked(packed(lambda q: shape_noise(q, recipe.cells, first), resolution, storage), first)
 
 
 @packed_noise.domain
