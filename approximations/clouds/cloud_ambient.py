@@ -37,7 +37,7 @@ from approximations.contract import (
 from scenes.contract import SOURCE_FUNCTION, Scene, View
 from scenes.cumulus_sky import CumulusUnderSky
 
-COSINES = 64  # of the directions over which E2 is summed
+COSINES = 32  # of the directions over which E2 is summed
 
 
 @technique(
@@ -85,12 +85,11 @@ def domain(scene: Scene) -> Domain:
 
 
 def _e2(t: mi.Float) -> mi.Float:
-    """int_0^1 e^(-t/m) dm at optical depths t >= 0, by COSINES samples amid even steps: within 0.001, since the
-    integrand comes to 0 at m = 0 with all its slopes."""
+    """int_0^1 e^(-t/m) dm at optical depths t >= 0, by COSINES samples m = u^2 amid even steps of u."""
 
     def add(i, total):
-        m = (mi.Float(i) + 0.5) / COSINES
-        return i + 1, total + dr.exp(-t / m)
+        u = (mi.Float(i) + 0.5) / COSINES
+        return i + 1, total + 2 * u * dr.exp(-t / (u * u))
 
     start = (mi.UInt32(0), dr.zeros(mi.Float, dr.width(t)))
     _, total = dr.while_loop(start, lambda i, total: i < COSINES, add)
