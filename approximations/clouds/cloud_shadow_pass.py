@@ -17,8 +17,8 @@ Not given in the chapter, and what was done here:
   truth; with tau along the sun it does not matter where the ray is met, and all are exact.
 - Resolution and filter of the map, of one tile of the repeating layer.
 The pass multiplies what is already there (`darkens="frame"`, the chapter's), and with it the light of the sky
-and what the ground shades itself: in the shadow of opaque cloud all of the sky's share is lost (rms error 23.5 %
-with a fifth of sky under a sun at 45 degrees, 6.8 % where the sun's light alone is multiplied).
+and what the ground shades itself: in the shadow of opaque cloud all of the sky's share is lost (rms error
+23.5 % with a fifth of sky under a sun at 45 degrees, 6.8 % where the sun's light alone is multiplied).
 The frame before the pass is the exact one of an open convex ground. Transparent things are not treated.
 """
 
