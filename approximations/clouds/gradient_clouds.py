@@ -21,7 +21,8 @@ What was chosen here, since nothing is given:
 - alpha is that of all sprites in a pixel. The rim is weighted with it, as all that a sprite shows.
 - Soft clipping, alpha clamp((z_scene - z) / s), has nothing to clip here: no ground, no near or far plane.
 w knows nothing of optical depth, so thin and thick clouds are equally bright; no part shades another, and
-nothing asks where the energy comes from.
+nothing asks where the energy comes from: a ball of optical depth 16 lit from the side is given 3.5 times its
+light, 1 / pi at most where the truth has some 0.1, and half of what remains with the right gain is wrong.
 """
 
 from __future__ import annotations
