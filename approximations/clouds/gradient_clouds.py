@@ -14,14 +14,15 @@ What was chosen here, since nothing is given:
 - Sprites stand in a ball of SPREAD of the cloud's radius r, evenly; each has the opacity
   1 - e^(-a e^(-b^2 / (2 s^2))), b the ray's distance from its place, s = WIDTH r, and a such that all of them
   hold as much extinction as the ball that they stand for.
-- w is taken per sprite, as the source takes it per vertex, or per "pixel" where the ray enters the cloud,
+- w is taken per sprite, as the source takes it per vertex, or per "pixel" where the ray meets the sprite,
   which was reported to give too much light.
 - bright is the radiance of a white surface that faces the sun, E / pi; dark, which the source takes from the
   sky, is DARK of it, since there is no sky here.
 - alpha is that of all sprites in a pixel. The rim is weighted with it, as all that a sprite shows.
 - Soft clipping, alpha clamp((z_scene - z) / s), has nothing to clip here: no ground, no near or far plane.
 w knows nothing of optical depth, so thin and thick clouds are equally bright; no part shades another, and
-nothing asks where the energy comes from.
+nothing asks where the energy comes from: a ball of optical depth 16 lit from the side is given 3.5 times its
+light, 1 / pi at most where the truth has some 0.1, and half of what remains with the right gain is wrong.
 """
 
 from __future__ import annotations
@@ -92,15 +93,14 @@ def gradient_clouds(
     """
     o, v, l = view.camera.origin, view.camera.direction, view.sun.direction
     bright = view.sun.irradiance / dr.pi
-    near, far = view.cloud.span(o, v)
-    entry = dr.normalize(mi.Vector3f(o + dr.select(far > 0, near, -dr.dot(o, v)) * v))
 
     def blend(i, light, through):
         p = dr.gather(mi.Point3f, sprites.place, i)
         away = p - o
-        b2 = dr.squared_norm(away - dr.dot(away, v) * v)
+        along = dr.dot(away, v)
+        b2 = dr.squared_norm(away - along * v)
         alpha = 1 - dr.exp(-sprites.depth * dr.exp(-0.5 * b2 / WIDTH**2))
-        side = dr.normalize(mi.Vector3f(p)) if gradient == "sprite" else entry
+        side = dr.normalize(mi.Vector3f(p if gradient == "sprite" else o + along * v))
         w = dr.clip(0.5 + 0.5 * contrast * dr.dot(side, l), 0, 1)
         colour = bright * dr.lerp(mi.Float(DARK), mi.Float(1), w)
         return i + 1, dr.lerp(light, colour, alpha), through * (1 - alpha)
@@ -120,7 +120,7 @@ def bake(view: View, *, count: Annotated[int, Sweep(8, 32, 128, low=1, high=1024
 
     count  of sprites: a spiral through shells of equal volume.
     """
-    k = np.arange(count) + 0.5
+    k = np.arange(1, count + 1)
     z, turn = 1 - 2 * ((k / PLASTIC) % 1), 2 * np.pi * k / PLASTIC**2
     radius, ring = SPREAD * np.cbrt(k / count), np.sqrt(1 - z * z)
     places = radius * np.stack([ring * np.cos(turn), ring * np.sin(turn), z])
