@@ -221,8 +221,8 @@ def _texture(kind: type[GridCloud], fields: tuple) -> mi.Texture3f:
 )
 @dataclass(frozen=True)
 class Cumulus(GridCloud):
-    """A cloud about 2.5 km across and 1.5 km high over a flat base at 1.15 km: three heaps in the weather map,
-    each with its place, radius (m) and coverage in the middle."""
+    """A cloud about 2.5 km across and 1.5 km high over a flat base at 1.15 km: three heaps in the weather
+    map, each with its place, radius (m) and coverage in the middle."""
 
     seen: Literal["beside", "below", "above", "within"] = "beside"
 
