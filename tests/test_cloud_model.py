@@ -85,6 +85,7 @@ def test_bits_round_to_the_nearest_of_their_steps():
     assert np.abs(in_bits(x, "8 bits") - x).max() == pytest.approx(0.5 / 255, rel=0.05)
     assert np.abs(in_bits(x, "16 bits") - x).max() < 0.51 / 65535
     assert in_bits(np.array([-0.5, 1.5]), "8 bits") == pytest.approx([0, 1])
+    assert len(np.unique(in_bits(np.linspace(0, 1, 100_001), "8 bits"))) == 256
     assert (in_bits(x - 3, "exact") == x - 3).all()
 
 

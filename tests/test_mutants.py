@@ -24,6 +24,15 @@ ALIKE = {
     "height_fog.py: i + offset": "turns the even offsets of a stratified sum into the same ones backwards",
     "split_sum.py: nv * nh + np.sqrt((1 - nv**2) * (1 - nh**2)) * np.cos(phi)": "half a turn about n",
     "sampling.py: mi.Float(i) * GOLDEN_ANGLE + turn": "a random turn to the left is one to the right",
+    "cloud_shadow_pass.py: far - near": "longer steps beyond the layer meet nothing there",
+    "cloud_shadow_pass.py: mi.Float(i) + 0.5": "the same samples from one step earlier on, in clear air",
+    "spherical_shell.py: -1e-6": "no ray is that near the level",
+    "spherical_shell.py: b + dr.copysign(dr.safe_sqrt(square), b)": "the same roots, off by a metre or two",
+    "spherical_shell.py: o + (start + (i + 0.5) * h) * d": "sheets stand alike before and behind the eye",
+    "cloud_model.py: 2 ** STORAGE[storage] - 1": "257 steps are as coarse as 255; a test counts them",
+    "cloud_model.py: -1": "the last of two axes",
+    "cloud_model.py: mi.Float(i % size) + 0.5": "wisps move by one of 128 texels, less than bounds tell",
+    "cloud_model.py: mi.Float(i // size) + 0.5": "wisps move by one of 128 texels, less than bounds tell",
 }
 """Mutants that no image can tell from the original, and why."""
 
