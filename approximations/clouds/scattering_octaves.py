@@ -46,13 +46,14 @@ ONCE_SCATTERED = {"octaves": 1, "steps": 1024}
 
 
 @technique(
-    source="Wrenninge 2015, octaves of scattering; GPU Pro 7, II.4, sec. 4.4",
+    source="peer: Wrenninge 2015, octaves of scattering; GPU Pro 7, II.4, sec. 4.4",
     estimates=SOURCE_FUNCTION,
     on=(CloudSlab, Cumulus),
     replaces="the source function of all orders of scattering",
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
     claims=(LINEAR_IN_LIGHT,),
     stress={"CloudSlab": ("optical_depth", "sun_elevation")},
+    baseline=True,
 )
 def octave_source(
     view: View,
@@ -73,7 +74,7 @@ def octave_source(
 
 
 @technique(
-    source="Wrenninge 2015, octaves of scattering; GPU Pro 7, II.4, sec. 4.4",
+    source="peer: Wrenninge 2015, octaves of scattering; GPU Pro 7, II.4, sec. 4.4",
     estimates=RADIANCE,
     also=(SINGLE_SCATTERING,),
     on=(CloudSlab, CloudSphere, Cumulus),
@@ -85,6 +86,7 @@ def octave_source(
         exact_when("CloudSphere", 0.002, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
     ),
     stress={"CloudSphere": ("sun_angle", "optical_depth")},
+    baseline=True,
 )
 def octave_light(
     view: View,
