@@ -232,8 +232,9 @@ def technique_cost(technique: Technique, scene: Scene, quantity: Quantity, task:
     """Frame cost at one sample a pixel, its work only where the task wants it counted; the bake apart, with
     its own time and bytes."""
     frame, bake = technique.split(task.knobs)
-    view = make_view(scene, task.size, quantity.probes)
     extra, bake_ms = (), None
+    with turns.computing():
+        view = make_view(scene, task.size, quantity.probes)
     with turns.timed():
         if technique.bake_function is not None:
             result, bake_ms = timed_bake(technique.name, scene, task.size, tuple(sorted(bake.items())))
