@@ -12,7 +12,7 @@ from reference.verify.routes import BATCHES, SIZE, name
 from scenes.contract import TRANSMITTANCE
 from scenes.high_clouds import WAVES, HighClouds
 
-POINTS = 64
+POINTS = 256
 
 
 @check(
