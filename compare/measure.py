@@ -51,11 +51,9 @@ def measure(task: Task, folder: Path) -> list[dict]:
             estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise, timed)
         image = estimate.mean
     else:
+        costs = technique_cost(technique, scene, quantity, task) if wants_costs(task) else None
         with turns.computing():
             estimate, image = None, evaluate(technique, scene, quantity, task.knobs, task.size)
-        costs = None
-        if wants_costs(task):
-            costs = technique_cost(technique, scene, quantity, task)
     with turns.computing():
         if technique.bake_function and shown:
             bake = technique.split(task.knobs)[1]
@@ -199,10 +197,15 @@ def baked(technique: Technique, scene: Scene, size: int, probes: bool, settings:
         return ()
     key = (technique.bake_function, scene, size, tuple(sorted(settings.items())))
     if key not in _BAKED:
-        while len(_BAKED) >= 2:
-            _BAKED.pop(next(iter(_BAKED)))
-        _BAKED[key] = technique.bake_function(make_view(scene, size, probes), **settings)
+        keep_bake(key, technique.bake_function(make_view(scene, size, probes), **settings))
     return (_BAKED[key],)
+
+
+def keep_bake(key: tuple, result: Any) -> None:
+    """The last two bakes are kept."""
+    while len(_BAKED) >= 2:
+        _BAKED.pop(next(iter(_BAKED)))
+    _BAKED[key] = result
 
 
 def evaluate(
@@ -258,7 +261,9 @@ def timed_bake(name: str, scene: Scene, size: int, settings: tuple) -> tuple[Any
         result = technique.bake_function(view, **dict(settings))
         dr.eval(result)
         dr.sync_thread()
-        return result, cost.milliseconds(cost.kernels())
+        spent = cost.milliseconds(cost.kernels())
+    keep_bake((technique.bake_function, scene, size, settings), result)
+    return result, spent
 
 
 def bake_rays(technique: Technique, scene: Scene, size: int, bake: dict) -> int:
