@@ -153,9 +153,20 @@ class Technique:
         return self.function(*args, **knobs)
 
     def bake(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Declare the offline stage: its result is the function's second argument."""
+        """Declare the offline stage: its result is the function's second argument. It takes the view, or
+        nothing but knobs where its result is the same for every view."""
         self.bake_function = function
         return function
+
+    @property
+    def bakes_a_view(self) -> bool:
+        """Whether the offline stage takes the view."""
+        kinds = (p.kind for p in inspect.signature(self.bake_function).parameters.values())
+        return any(kind is not inspect.Parameter.KEYWORD_ONLY for kind in kinds)
+
+    def run_bake(self, view: Any, settings: dict[str, Any]) -> Any:
+        """The result of the offline stage for a view."""
+        return self.bake_function(*((view,) if self.bakes_a_view else ()), **settings)
 
     def domain(self, function: Callable[[Scene], Domain]) -> Callable[[Scene], Domain]:
         """Declare where its author would use it."""

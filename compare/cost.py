@@ -19,8 +19,8 @@ import mitsuba as mi
 from compare.statistics import median
 
 REPEATS = 10
-SLOW_MS, SLOW_REPEATS = 100.0, 3
-"""A frame of the path tracer that takes longer than this is timed fewer times."""
+SLOW_MS, SLOW_REPEATS = 20.0, 3
+"""A frame that takes longer than this, as the path tracer's do, is timed fewer times."""
 CALIBRATION_SIZE = 1 << 18
 RAY = re.compile(r"call void %\w+\(ptr %\w+, ptr %\w+, ptr %\w+, ptr|_optix_trace|optix\.ptx\.trace")
 VECTOR_ACCESS = re.compile(

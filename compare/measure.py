@@ -195,10 +195,16 @@ def baked(technique: Technique, scene: Scene, size: int, probes: bool, settings:
     """The result of the offline stage as extra arguments, the last few kept."""
     if technique.bake_function is None:
         return ()
-    key = (technique.bake_function, scene, size, tuple(sorted(settings.items())))
+    key = bake_key(technique, scene, size, settings)
     if key not in _BAKED:
-        keep_bake(key, technique.bake_function(make_view(scene, size, probes), **settings))
+        keep_bake(key, technique.run_bake(make_view(scene, size, probes), settings))
     return (_BAKED[key],)
+
+
+def bake_key(technique: Technique, scene: Scene, size: int, settings: dict) -> tuple:
+    """What a bake depends on."""
+    seen = (scene, size) if technique.bakes_a_view else ()
+    return (technique.bake_function, *seen, *sorted(settings.items()))
 
 
 def keep_bake(key: tuple, result: Any) -> None:
@@ -258,18 +264,18 @@ def timed_bake(name: str, scene: Scene, size: int, settings: tuple) -> tuple[Any
     technique = find_measured(name)
     view = make_view(scene, size, technique.estimates.probes)
     with cost.recording():
-        result = technique.bake_function(view, **dict(settings))
+        result = technique.run_bake(view, dict(settings))
         dr.eval(result)
         dr.sync_thread()
         spent = cost.milliseconds(cost.kernels())
-    keep_bake((technique.bake_function, scene, size, settings), result)
+    keep_bake(bake_key(technique, scene, size, dict(settings)), result)
     return result, spent
 
 
 def bake_rays(technique: Technique, scene: Scene, size: int, bake: dict) -> int:
     """Rays that the offline stage traces; counted turn by turn, so for a few settings only."""
     view = make_view(scene, size, technique.estimates.probes)
-    return cost.work(lambda: technique.bake_function(view, **bake))["rays"]
+    return cost.work(lambda: technique.run_bake(view, bake))["rays"]
 
 
 @lru_cache(maxsize=8)

@@ -139,7 +139,7 @@ def prepared(technique: Technique, scene: Scene, size: int, knobs: dict[str, Any
         for name, values in technique.variations().items():
             if name in bake and name not in knobs and type(bake[name]) in (int, float):
                 bake[name] = min([bake[name], *values])
-        extra = (technique.bake_function(view, **bake),)
+        extra = (technique.run_bake(view, bake),)
         dr.eval(extra)
     return lambda: technique(view, *extra, **frame)
 

@@ -3,7 +3,8 @@
 S(x, w) = int f(w . w') L(x, w') dw' is estimated by drawing w' from the phase function and tracing L
 with the volumetric path tracer from inside the medium; a delta sun, which no drawn direction hits, is
 added as f(w . l) E_sun e^-tau(x, l). What that first term alone sends to the camera, light scattered once,
-has a closed form for the layer and is a smooth integral along the chord of the ball.
+has a closed form for the layer and is a smooth integral along the chord of the ball. Under a sky S has
+colours.
 """
 
 from __future__ import annotations
@@ -15,26 +16,45 @@ from numpy.polynomial.legendre import leggauss
 from scipy.special import exprel
 
 from reference import transport
+from reference.closed_form.cloud_grid import depth_to_sun
 from reference.render import batch_seed
 from reference.truth import closed_form, sampler
 from scenes.cloud import CloudSlab, CloudSphere, SunlitCloud
 from scenes.contract import SINGLE_SCATTERING, SOURCE_FUNCTION, View
+from scenes.cumulus import Cumulus, GridCloud
 
 LANES = 1 << 20  # paths in flight at once
-PANELS, NODES = 64, 8  # of the Gauss rule along a chord
+PANELS, NODES = 12, 8  # of the Gauss rule along a chord
 
 
 @sampler(CloudSlab, SOURCE_FUNCTION)
-def source_function(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndarray:
+def in_slab(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndarray:
     """(size, size, 1): one batch of spp paths per probe, row by row as `probes` says."""
+    probes = scene.probes(size)
+    z = np.array(probes.camera.origin, dtype=np.float64)[2]
+    depth = scene.rainy[0] * (1 - z) / scene.to_sun()[2]
+    return scattered(scene, probes, spp, seed) + _of_sun(scene, probes, depth)
+
+
+@sampler(Cumulus, SOURCE_FUNCTION)
+def in_grid(scene: GridCloud, size: int, spp: int, seed: int) -> np.ndarray:
+    """(size, size, C): one batch of spp paths per probe, row by row as `probes` says; C = 3 under a sky and
+    1 under the sun alone."""
+    probes = scene.probes(size)
+    depth = depth_to_sun(scene, np.array(probes.camera.origin, dtype=np.float64).T)
+    return scattered(scene, probes, spp, seed) + _of_sun(scene, probes, depth)
+
+
+def scattered(scene: SunlitCloud | GridCloud, probes: View, spp: int, seed: int) -> np.ndarray:
+    """(size, size, C): what the probes scatter of all light but the sun's own."""
+    size = probes.width
     description = scene.mitsuba(size)
     world = mi.load_dict(description)
     medium = world.shapes()[0].interior_medium()
     integrator = mi.load_dict(transport.integrator(description, SOURCE_FUNCTION))
-    probes = scene.probes(size)
-    point, w = probes.camera.origin, probes.camera.direction
+    point, w = mi.Point3f(probes.camera.origin), probes.camera.direction
 
-    total = np.zeros(size * size)
+    total = np.zeros((size * size, 1 if probes.environment is None else 3))
     chunk = max(1, LANES // size**2)
     for first in range(0, spp, chunk):
         n = min(chunk, spp - first)
@@ -49,11 +69,15 @@ def source_function(scene: CloudSlab, size: int, spp: int, seed: int) -> np.ndar
         context = mi.PhaseFunctionContext(random)
         wo, weight, _ = medium.phase_function().sample(context, met, random.next_1d(), random.next_2d())
         light, _, _ = integrator.sample(world, random, mi.RayDifferential3f(met.p, wo), medium)
-        total += np.array(dr.block_sum((weight * light).x, n), dtype=np.float64)
-    z, w, sigma_t = np.array(point, dtype=np.float64)[2], np.array(w, dtype=np.float64), scene.rainy[0]
-    depth = sigma_t * (1 - z) / scene.to_sun()[2]
-    sun = probes.sun.irradiance * _lobe(scene, w) * np.exp(-depth)
-    return (total / spp + sun).reshape(size, size, 1)
+        for k in range(total.shape[1]):
+            total[:, k] += np.array(dr.block_sum((weight * light)[k], n), dtype=np.float64)
+    return total.reshape(size, size, -1) / spp
+
+
+def _of_sun(scene: SunlitCloud | GridCloud, probes: View, depth: np.ndarray) -> np.ndarray:
+    w = np.array(probes.camera.direction, dtype=np.float64)
+    once = probes.sun.irradiance * _lobe(scene, w) * np.exp(-depth)
+    return once.reshape(probes.height, probes.width, 1)
 
 
 @closed_form(CloudSlab, SINGLE_SCATTERING)
@@ -73,19 +97,20 @@ def once_scattered_by_slab(scene: CloudSlab, size: int) -> np.ndarray:
 @closed_form(CloudSphere, SINGLE_SCATTERING)
 def once_scattered_by_sphere(scene: CloudSphere, size: int) -> np.ndarray:
     """(size, size, 1): albedo f E_sun int e^-(sigma t) e^-(sigma out(x)) sigma dt over the chord, where
-    out(x) is the way from x to the boundary towards the sun, by a composite Gauss rule."""
+    out(x) is the way from x to the boundary towards the sun, by a composite Gauss rule in the angle u with
+    t = half (1 - cos(pi u)), since out may start and end as a root does."""
     view, (sigma, albedo) = scene.view(size), scene.rainy
     l, o = np.array(scene.to_sun()), np.array(view.camera.origin, dtype=np.float64)
     half = np.sqrt(np.maximum(1 - o[0] ** 2 - o[2] ** 2, 0))
     x, weight = leggauss(NODES)
     integral = np.zeros(size * size)
     for panel in range(PANELS):
-        for node, share in zip((panel + (x + 1) / 2) / PANELS, weight / (2 * PANELS), strict=True):
-            t = 2 * half * node
+        for u, du in zip((panel + (x + 1) / 2) / PANELS, weight / (2 * PANELS), strict=True):
+            t = half * (1 - np.cos(np.pi * u))
             middle = -(l[0] * o[0] + l[1] * (t - half) + l[2] * o[2])
             inside = o[0] ** 2 + (t - half) ** 2 + o[2] ** 2
             out = middle + np.sqrt(np.maximum(1 - inside + middle**2, 0))
-            integral += 2 * half * share * sigma * np.exp(-sigma * (t + out))
+            integral += half * np.pi * np.sin(np.pi * u) * du * sigma * np.exp(-sigma * (t + out))
     w = np.array([[0.0], [1.0], [0.0]])
     return _image(view, albedo * _lobe(scene, w) * integral)
 

@@ -13,13 +13,16 @@ digest, key or shape does not fit is named and never used.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import errno
 import hashlib
+import inspect
 import json
 import math
 import os
 import shutil
+import textwrap
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -80,8 +83,6 @@ def fingerprint(value: Any) -> Any:
 def truth_key(scene: Scene, quantity: Quantity, size: int, seed: int = 1) -> str:
     """Digest of everything that the stored pixels depend on but for their number of batches, and for the
     version of Mitsuba, which the file names."""
-    import inspect
-
     from reference.render import method
 
     declared = find_sampler(type(scene), quantity)
@@ -91,13 +92,38 @@ def truth_key(scene: Scene, quantity: Quantity, size: int, seed: int = 1) -> str
         "quantity": quantity.name,
         "size": size,
         "method": method(scene, quantity, size),
-        "code": inspect.getsource(inspect.getmodule(declared)) if declared else "",
+        "code": code_of(declared) if declared else "",
         "seed": seed,
         "format": FORMAT,
     }
     if quantity.probes:
         content["constants"] = fingerprint(constants(type(scene)))
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def code_of(function: Callable) -> str:
+    """The text of a function and of all that it names in its own module, in that order."""
+    module = inspect.getmodule(function)
+    texts: dict[str, str] = {}
+
+    def read(item: Any) -> None:
+        texts[item.__name__] = inspect.getsource(item)
+        for name in _names(item):
+            found = vars(module).get(name)
+            if name in texts or found is None:
+                continue
+            if inspect.getmodule(found) is module and (inspect.isfunction(found) or inspect.isclass(found)):
+                read(found)
+            elif name.isupper():
+                texts[name] = repr(found)
+
+    read(function)
+    return "\n".join(texts.values())
+
+
+def _names(item: Any) -> list[str]:
+    tree = ast.parse(textwrap.dedent(inspect.getsource(item)))
+    return list(dict.fromkeys(n.id for n in ast.walk(tree) if isinstance(n, ast.Name)))
 
 
 def constants(scene: type[Scene]) -> dict[str, Any]:

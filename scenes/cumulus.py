@@ -171,27 +171,40 @@ class GridCloud(SunlitCloud):
 
     def probes(self, size: int = 128) -> View:
         """Points in the cloud on the camera's rays, in `camera`: origin is the point, direction runs from eye
-        to sample. Row by row the rays of the image, each at the first depth where the transmittance has
-        fallen to PROBE_TRANSMITTANCE, or where the ray leaves the box."""
-        seen = camera_rays(mi.load_dict(self.sensor(size)), size)
+        to sample. Each stands where its ray has lost PROBE_SHARE of all the light that it loses. The rays are
+        taken evenly, row by row, from PROBE_RAYS times as many a side: those that lose PROBE_SHARE of what
+        the one that loses most does."""
+        rays = self.PROBE_RAYS * size
+        seen = camera_rays(mi.load_dict(self.sensor(rays)), rays)
         extinction = self.extinction()
         near, far = self.span(seen.origin, seen.direction)
         step = (far - near) / self.PROBE_STEPS
-        until = -math.log(self.PROBE_TRANSMITTANCE)
 
-        def march(i, depth, t):
-            here = near + (mi.Float(i) + 0.5) * step
-            depth += extinction(seen.origin + here * seen.direction) * step
-            return i + 1, depth, dr.select(depth < until, here, t)
+        def until(most: mi.Float) -> tuple[mi.Float, mi.Float]:
+            """The last step within an optical depth, and the depth of all steps."""
 
-        start = (mi.UInt32(0), dr.zeros(mi.Float, size * size), mi.Float(near))
-        _, _, t = dr.while_loop(start, lambda i, depth, t: i < self.PROBE_STEPS, march)
-        point = seen.origin + t * seen.direction
-        dr.eval(point)
-        return self._view(size, Camera(point, seen.direction, seen.forward, 0.0, math.inf))
+            def march(i, depth, t):
+                here = near + (mi.Float(i) + 0.5) * step
+                depth += extinction(seen.origin + here * seen.direction) * step
+                return i + 1, depth, dr.select(depth < most, here, t)
+
+            start = (mi.UInt32(0), dr.zeros(mi.Float, rays * rays), mi.Float(near))
+            _, depth, t = dr.while_loop(start, lambda i, depth, t: i < self.PROBE_STEPS, march)
+            return t, depth
+
+        loss = 1 - dr.exp(-until(mi.Float(dr.inf))[1])
+        t, _ = until(-dr.log(1 - self.PROBE_SHARE * loss))
+        point = mi.Point3f(seen.origin + t * seen.direction)
+        through = dr.compress(loss >= self.PROBE_SHARE * dr.max(loss))
+        even = dr.uint64_array_t(mi.UInt32)(dr.arange(mi.UInt32, size * size)) * len(through) // size**2
+        chosen = dr.gather(mi.UInt32, through, mi.UInt32(even))
+        point, direction = (dr.gather(type(a), a, chosen) for a in (point, seen.direction))
+        dr.eval(point, direction)
+        return self._view(size, Camera(point, direction, seen.forward, 0.0, math.inf))
 
     PROBE_STEPS = 256
-    PROBE_TRANSMITTANCE = 0.5
+    PROBE_RAYS = 2
+    PROBE_SHARE = 0.5
 
 
 @functools.lru_cache(maxsize=4)

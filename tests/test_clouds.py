@@ -12,7 +12,7 @@ from PythonicDISORT import pydisort
 from approximations.clouds.cloud_light import cloud_light, cloud_source
 from approximations.kit.phase import henyey_greenstein
 from reference import slab_monte_carlo as walk
-from reference.source_function import once_scattered_by_slab, once_scattered_by_sphere, source_function
+from reference.source_function import in_slab, once_scattered_by_slab, once_scattered_by_sphere
 from scenes.cloud import CloudSlab, CloudSphere
 
 FOUR_PI = 4 * np.pi
@@ -158,7 +158,7 @@ def test_source_by_depth_is_the_anchor_table(g, c, values):
 
 def test_mitsubas_source_function_agrees_with_ordinates():
     scene = CloudSlab(sun_elevation=90.0, optical_depth=8.0, g=0.6)
-    batches = np.array([source_function(scene, 4, 2048, k)[:, :, 0] for k in range(6)]) * FOUR_PI
+    batches = np.array([in_slab(scene, 4, 2048, k)[:, :, 0] for k in range(6)]) * FOUR_PI
     s, se = batches.mean(0), batches.std(0, ddof=1) / np.sqrt(6)
     camera = scene.probes(4).camera
     d, c = 8 * (1 - np.array(camera.origin)[2]), np.array(camera.direction)[2]
@@ -172,7 +172,7 @@ def test_mitsubas_source_function_agrees_with_ordinates():
 @pytest.mark.parametrize("rain", ["denser", "absorbing"])
 def test_mitsubas_source_function_agrees_with_walks_in_rain_under_a_low_sun(rain):
     scene = CloudSlab(sun_elevation=30.0, optical_depth=4.0, g=0.5, precipitation=3.0, rain=rain)
-    s = source_function(scene, 3, 16384, 5)[:, :, 0].reshape(-1) * FOUR_PI
+    s = in_slab(scene, 3, 16384, 5)[:, :, 0].reshape(-1) * FOUR_PI
     camera = scene.probes(3).camera
     z, w, l = np.array(camera.origin)[2], np.array(camera.direction).T, np.array(scene.to_sun())
     rng, n, albedo = np.random.default_rng(2), 6000, 1.0 if rain == "denser" else 1 / 3

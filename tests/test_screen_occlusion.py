@@ -28,7 +28,7 @@ def wall(tilt):
 
 def image(technique, view, **knobs):
     frame, bake = technique.split(technique.settings(knobs))
-    found = np.array(technique(view, technique.bake_function(view, **bake), **frame))
+    found = np.array(technique(view, technique.run_bake(view, bake), **frame))
     return found.reshape(view.height, view.width).astype(float)
 
 

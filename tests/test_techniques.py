@@ -26,7 +26,7 @@ def image(technique, scene, view=None, size=SIZE, **knobs):
     if view is None:
         view, extra = make_view(scene, size, probes), baked(technique, scene, size, probes, bake)
     else:
-        extra = (technique.bake_function(view, **bake),) if technique.bake_function else ()
+        extra = (technique.run_bake(view, bake),) if technique.bake_function else ()
     return as_image(technique(view, *extra, **frame), size, technique.name)
 
 

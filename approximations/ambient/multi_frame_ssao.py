@@ -120,7 +120,6 @@ def single_frame_ssao(
 
 @multi_frame_ssao.bake
 def bake(
-    view: View,
     *,
     frames: Annotated[int, Sweep(1, 20, 60, low=1, high=8192)] = 20,
     samples: Annotated[int, Sweep(8, low=1, high=64)] = 8,
@@ -135,7 +134,7 @@ def bake(
 
 
 @single_frame_ssao.bake
-def bake_one(view: View, *, samples: Annotated[int, Sweep(8, 24, low=1, high=64)] = 24) -> Ball:
+def bake_one(*, samples: Annotated[int, Sweep(8, 24, low=1, high=64)] = 24) -> Ball:
     """The points of the one frame."""
     return _ball(best_candidates(samples, "ball", seed=1), np.random.default_rng(2))
 

@@ -137,7 +137,6 @@ def cloud_density(
 
 @cloud_density.bake
 def bake(
-    view: View,
     *,
     resolution: Annotated[int, Sweep(32, 64, 128, low=4, high=256)] = 128,
     storage: Literal["8 bits", "16 bits", "exact"] = "8 bits",

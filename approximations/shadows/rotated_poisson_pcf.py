@@ -143,7 +143,6 @@ def rotated_poisson_pcf(
 
 @rotated_poisson_pcf.bake
 def bake(
-    view: View,
     *,
     kernel: Literal["poisson", "grid", "exact"] = "poisson",
     taps: Annotated[int, Sweep(8, 64, low=1, high=256)] = 8,
