@@ -18,7 +18,7 @@ WAVES = ((0.043, 0.011, 0.4), (-0.021, 0.061, 1.7), (0.083, 0.047, 2.6), (-0.109
 TYPE = (0.033, -0.027, 1.0)
 """The same of the type's."""
 MIDDLE = 30e3  # m, of the map and of the section, along x and y
-ACROSS = (0.8, 0.6)  # unit vector from ahead of the front to behind it
+ACROSS = (0.8253356, 0.5646425)  # unit vector from ahead of the front to behind it
 RAIN = 5e3  # m from the front to the middle of the rain, and half the breadth of its band
 
 
