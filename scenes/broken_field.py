@@ -25,16 +25,17 @@ RAIN = 5e3  # m from the front to the middle of the rain, and half the breadth o
 def weather(x: Any, y: Any, cover: float, front: float, rain: float) -> Weather:
     """At places (m): C = cover + min(cover, 1 - cover) (0.6 w + 0.4 s), w a mean of waves and s a step,
     each from -1 to 1; s rises over `front` (m). Rain falls behind the front, at most `rain`."""
-    w = sum(_wave(x, y, *wave) for wave in WAVES) / len(WAVES)
+    waves = sum(wave(x, y, *w) for w in WAVES) / len(WAVES)
     s = ACROSS[0] * (x - MIDDLE) + ACROSS[1] * (y - MIDDLE)
     t = dr.clip(0.5 + s / front, 0, 1)
     step = 2 * t * t * (3 - 2 * t) - 1
     band = dr.maximum(1 - ((s - RAIN) / RAIN) ** 2, 0)
-    coverage = cover + min(cover, 1 - cover) * (0.6 * w + 0.4 * step)
-    return Weather(coverage, rain * band * band, 0.55 + 0.4 * _wave(x, y, *TYPE))
+    coverage = cover + min(cover, 1 - cover) * (0.6 * waves + 0.4 * step)
+    return Weather(coverage, rain * band * band, 0.55 + 0.4 * wave(x, y, *TYPE))
 
 
-def _wave(x: Any, y: Any, kx: float, ky: float, phase: float) -> Any:
+def wave(x: Any, y: Any, kx: float, ky: float, phase: float) -> Any:
+    """Of kx and ky cycles a km, -1 to 1, at places in m."""
     return dr.cos(2e-3 * dr.pi * (kx * x + ky * y) + phase)
 
 
@@ -78,19 +79,16 @@ class BrokenField(Section):
 
     def given(self, size: int, camera: Camera) -> View:
         model = self.model()
-        cloud = Cloud(
-            extinction=lambda p: density(model, p),
-            span=self.span,
-            albedo=1.0,
-            g=0.85,
-            precipitation=1.0,
-            sigma_t=1.0,
-            model=model,
-        )
-        return View(size, size, camera, cloud=cloud)
+        return View(size, size, camera, cloud=layer(model, model))
 
-    def span(self, o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
-        """Distances (m) between which a ray is in the layer, both 0 where it misses."""
-        bottom, top = (self.BASE - o.z) / d.z, (self.TOP - o.z) / d.z
+
+def layer(model: CloudModel, told: Any) -> Cloud:
+    """A layer of cloud without end, of extinction 1/m where the density is 1; `told`: what a technique knows
+    of how it is modelled."""
+
+    def span(o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
+        bottom, top = (model.base - o.z) / d.z, (model.top - o.z) / d.z
         near, far = dr.maximum(dr.minimum(bottom, top), 0), dr.maximum(bottom, top)
         return dr.select(far > near, near, 0), dr.select(far > near, far, 0)
+
+    return Cloud(lambda p: density(model, p), span, 1.0, 0.85, 1.0, sigma_t=1.0, model=told)
