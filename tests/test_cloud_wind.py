@@ -18,7 +18,7 @@ SIZE = 48
 
 
 def blown(scene, **wind):
-    """The view of a scene, its wind changed; what differs from test to test is no constant of the code made."""
+    """The view of a scene, its wind changed; times are no constants of the code made."""
     view = scene.probes(SIZE)
     model = dataclasses.replace(view.cloud.model, **wind)
     held = {n: dr.opaque(mi.Float, getattr(model, n)) for n in ("time", "updraft")}
