@@ -111,7 +111,7 @@ def bake(
     i = dr.arange(mi.UInt32, resolution * resolution)
     x, y = (EXTENT / resolution * (mi.Float(n) + 0.5) for n in (i % resolution, i // resolution))
     w = view.cloud.model.weather(x, y)
-    channels = np.stack([np.array(c) for c in (w.coverage, w.precipitation, w.type)], axis=-1)
+    channels = np.stack([np.array(c) for c in (w.coverage, w.precipitation, w.type)], axis=1)
     texels = mi.TensorXf(in_bits(channels, storage).reshape(resolution, resolution, 3).astype(np.float32))
     return WeatherMap(mi.Texture2f(texels, use_accel=False, wrap_mode=dr.WrapMode.Repeat))
 
