@@ -55,6 +55,7 @@ SPATIAL_DETAIL = Assumption("spatial detail", "a few places stand for all places
 HIDDEN_GEOMETRY = Assumption("hidden geometry", "what the depth buffer or the volume does not hold")
 PENUMBRA_WIDTH = Assumption("width of the penumbra", "a filter of chosen width stands for the light's size")
 NO_MODEL = Assumption("no model", "a look chosen by eye, which stands for no integral")
+MOTION = Assumption("motion", "what moves is taken to stand still, or to keep its pace or its shape")
 FILTERED_PARAMETERS = Assumption("filtered parameters", "inputs are averaged ahead of a nonlinear formula")
 
 
