@@ -1,13 +1,19 @@
-"""The march of a view ray: compositing rules, their orders, and jitter."""
+"""The march of a view ray: compositing rules, their orders, jitter, and the machine of two samplers."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
 from approximations.clouds.cloud_compositing import bake, cloud_compositing
+from approximations.kit.adaptive_march import adaptive_march
 from approximations.kit.start_jitter import TILE, starts, void_and_cluster
 from reference.source_function import once_scattered_by_slab
+from reference.verify.routes_scattered_clouds import scattered_clouds_against_points
+from reference.verify.run import judge
 from scenes.cloud import CloudSlab
+from scenes.contract import Camera
+from scenes.scattered_clouds import ScatteredClouds, table
 
 SLAB = CloudSlab(optical_depth=8.0)
 
@@ -89,3 +95,143 @@ def test_blue_noise_averages_out_where_white_does_not():
         at = np.array(starts(jitter, mi.Float(bake(SLAB.view(2))), size, size)).reshape(16, 4, 16, 4)
         spread[jitter] = at.mean((1, 3)).std()
     assert spread["blue noise"] < 0.5 * spread["white"]
+
+
+def marched(scene, steps, size=32, **machine):
+    """The machine on a scene, with full and cheap samples a ray and the share of rays that are cut short."""
+    view, counts = scene.view(size), dr.zeros(mi.UInt32, 2)
+    cloud, camera = view.cloud, view.camera
+
+    def counted(sampler, kind):
+        def sample(x, active):
+            dr.scatter_add(counts, mi.UInt32(1), mi.UInt32(kind), active)
+            return sampler(x)
+
+        return sample
+
+    looked = machine.pop("looked", True)
+    found = adaptive_march(
+        camera,
+        cloud.span(camera.origin, camera.direction),
+        steps,
+        counted(cloud.extinction, 0),
+        cheap=counted(cloud.model.extinction, 1) if looked else None,
+        **machine,
+    )
+    through, came = np.array(found.through, float), np.array(found.came)
+    full, cheap = np.array(counts) / size**2
+    return through, full, cheap, came / steps
+
+
+def test_under_a_clear_sky_looking_halves_the_reads():
+    clear = ScatteredClouds(cover=0.0)
+    through, full, cheap, came = marched(clear, 64)
+    assert (full, cheap) == (0, 64) and np.all(through == 1) and np.all(came == 1)
+    assert marched(clear, 64, looked=False)[1:3] == (64, 0)
+
+
+def test_looking_loses_nothing_where_turns_suffice():
+    everywhere = marched(ScatteredClouds(), 64, looked=False)
+    looked = marched(ScatteredClouds(), 64, turns=512)
+    assert np.allclose(looked[0], everywhere[0], rtol=1e-5)
+    assert 2 * looked[1] + looked[2] < 0.8 * 2 * everywhere[1]
+
+
+def test_a_ray_that_meets_cloud_is_cut_short_by_what_changes_of_state_take():
+    """Two steps for a cloud that is met and left before the turns are over."""
+    through, full, cheap, came = marched(ScatteredClouds(), 64)
+    assert full + cheap == 64
+    hit = came < 1
+    assert 0.9 < hit.mean() < 1 and np.all(through[~hit] == 1)
+    lost = np.round(64 * (1 - came)).astype(int)
+    assert lost[hit].min() <= 2 and 5 < lost[hit].mean() < 7
+    assert np.all(np.array(marched(ScatteredClouds(), 64, turns=512)[3]) == 1)
+
+
+def machine(density, hull, steps, turns, zeros=6, in_a_row=True, stride=1, step_back=False):
+    """The same in plain Python on lists of samples: the depth, and the step that it came to."""
+    at, looking, skipped, empty, depth = 0, True, False, 0, 0.0
+    for _ in range(turns):
+        if at >= steps:
+            break
+        if looking:
+            if hull[at]:
+                at -= stride - 1 if skipped and step_back else 0
+                looking, skipped = False, False
+            else:
+                at, skipped = at + stride, True
+            continue
+        skipped = False
+        if density[at] > 0:
+            depth, at = depth + density[at], at + 1
+            empty = 0 if in_a_row else empty
+            continue
+        empty += 1
+        if empty == zeros:
+            looking, empty = True, 0
+        else:
+            at += 1
+    return depth, min(at, steps)
+
+
+@pytest.mark.parametrize(
+    "knobs",
+    [
+        {},
+        {"in_a_row": False},
+        {"zeros": 1},
+        {"zeros": 3, "turns": 400},
+        {"stride": 4},
+        {"stride": 4, "step_back": True, "turns": 400},
+    ],
+    ids=str,
+)
+def test_the_machine_turns_as_its_words_say(knobs):
+    """On rows of random samples, half of whose hulls are clear."""
+    rng, steps, rays = np.random.default_rng(3), 48, 40
+    runs = np.repeat(rng.random((rays, steps // 3 + 1)) < 0.4, 3, axis=1)[:, :steps]
+    density = np.where(runs & (rng.random(runs.shape) < 0.5), rng.random(runs.shape), 0).astype(np.float32)
+    tables = [mi.Float(t.astype(np.float32).ravel()) for t in (density, runs)]
+
+    def read(table):
+        return lambda x, active: dr.gather(
+            mi.Float, table, steps * mi.UInt32(x.y) + mi.UInt32(dr.minimum(x.x, steps - 1)), active
+        )
+
+    row = dr.arange(mi.Float, rays)
+    camera = Camera(mi.Point3f(0, row + 0.5, 0), mi.Vector3f(1, 0, 0), None, 0.0, np.inf)
+    span = dr.zeros(mi.Float, rays), dr.full(mi.Float, steps, rays)
+    found = adaptive_march(camera, span, steps, read(tables[0]), cheap=read(tables[1]), **knobs)
+    turns = {"turns": steps, **knobs}
+    known = [machine(d, h, steps, **turns) for d, h in zip(density, runs, strict=True)]
+    assert np.allclose(-np.log(np.array(found.through)), [d for d, _ in known], atol=1e-4)
+    assert np.array_equal(np.minimum(np.array(found.came), steps), [at for _, at in known])
+
+
+def test_one_clear_sample_never_leaves_a_clear_hull():
+    """Nothing but clear hull: the march stands still at its first step."""
+    camera = Camera(mi.Point3f(0), mi.Vector3f(1, 0, 0), None, 0.0, np.inf)
+    span = mi.Float(0), mi.Float(16)
+    for zeros, came in ((1, 0), (2, 5), (6, 11)):
+        found = adaptive_march(
+            camera, span, 16, lambda x, on: mi.Float(0), cheap=lambda x, on: mi.Float(1), zeros=zeros
+        )
+        assert np.array(found.came)[0] == came
+
+
+def test_clouds_of_the_scene_hold_their_balls_and_the_deepest_ray_has_the_depth_named():
+    scene = ScatteredClouds(cover=1.0)
+    p = mi.Point3f(*(500 * np.random.default_rng(1).random((3, 200000)) * 8).astype(np.float32))
+    p.z = scene.BASE + p.z / 2
+    sigma, hull = np.array(scene.extinction(p)), np.array(scene.hull(p))
+    assert np.all(hull[sigma > 0] > 0) and sigma.max() == pytest.approx(scene.sigma_t, rel=0.01)
+    inside = table()[:, 3]
+    balls = 2 * 4 / 3 * np.pi * (scene.BALL * inside) ** 3 * 2 / 5
+    layers = balls.reshape(8, -1)[:4].mean()
+    assert sigma.mean() / scene.sigma_t == pytest.approx(layers, rel=0.03)
+    one = ScatteredClouds(optical_depth=3.0)
+    assert 4 / 3 * one.BALL * one.LARGEST * one.spacing * one.sigma_t == pytest.approx(3.0)
+
+
+def test_scattered_clouds_by_points_are_the_closed_form():
+    assert all(judge(c, 1e-3)["verdict"] == "agrees" for c in scattered_clouds_against_points(2))

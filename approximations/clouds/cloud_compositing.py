@@ -25,7 +25,7 @@ the sum so far, and that the loop can end early. The blend and the bound are not
   a / (1 - e^-a): too bright, a times where steps are deep (55 m of 0.1 /m: 5.5). Both errors fall as h.
   "energy-conserving" is exact for steps of even source and its error falls as h^2: 6 % at 64 steps.
 - The early end costs at most `cut` of what would lie behind.
-- Where in the step a sample stands is not said. Amid it, all pixels err alike, which makes bands; jitter makes
+- Where in the step a sample stands is not said. Amid it all pixels err alike, which makes bands; jitter makes
   noise of them, and blue noise lets neighbours average it out: see `approximations.kit.start_jitter`.
 """
 
