@@ -28,8 +28,8 @@ In print, and what was done here:
   look, cheap sample more, full sample 0, until the turns are used up; half as much light again comes through.
 - The cheap steps are as long as the full ones. Where they are four times as long, turns are saved and clouds
   missed or entered late (`search`): 11 % too much comes through. A step back after a hit mends what is
-  entered late; with 62 reads a ray and turns enough it is as good as a look at every step, where hulls are
-  longer than a stride.
+  entered late: 2.4 %, less than a look at every step has with the same turns, and all of it hulls shorter
+  than a stride. At 128 steps and turns enough there are next to none of those: 0.03 %.
 """
 
 from __future__ import annotations
