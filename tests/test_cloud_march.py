@@ -235,3 +235,27 @@ def test_clouds_of_the_scene_hold_their_balls_and_the_deepest_ray_has_the_depth_
 
 def test_scattered_clouds_by_points_are_the_closed_form():
     assert all(judge(c, 1e-3)["verdict"] == "agrees" for c in scattered_clouds_against_points(2))
+
+
+@pytest.mark.parametrize("rule", ["energy-conserving", "beer entering"])
+def test_light_is_gathered_where_full_samples_meet_cloud(rule):
+    """A source of 1 fills what is not let through; added before it is attenuated, it does more."""
+    view = ScatteredClouds().view(16)
+    cloud, camera = view.cloud, view.camera
+    found = adaptive_march(
+        camera,
+        cloud.span(camera.origin, camera.direction),
+        512,
+        lambda x, active: cloud.extinction(x),
+        cheap=lambda x, active: cloud.model.extinction(x),
+        source=lambda x, active: mi.Color3f(1, 2, 3),
+        rule=rule,
+        turns=4096,
+    )
+    gathered, filled = np.array(found.gathered), 1 - np.array(found.through)
+    assert np.allclose(gathered[1], 2 * gathered[0], rtol=1e-4) and filled.max() > 0.9
+    if rule == "energy-conserving":
+        assert np.allclose(gathered[0], filled, atol=1e-5)
+    else:
+        some = filled > 0.1
+        assert np.all(gathered[0][some] > filled[some]) and np.allclose(gathered[0], filled, rtol=0.1)
