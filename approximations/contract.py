@@ -56,6 +56,7 @@ HIDDEN_GEOMETRY = Assumption("hidden geometry", "what the depth buffer or the vo
 PENUMBRA_WIDTH = Assumption("width of the penumbra", "a filter of chosen width stands for the light's size")
 NO_MODEL = Assumption("no model", "a look chosen by eye, which stands for no integral")
 FILTERED_PARAMETERS = Assumption("filtered parameters", "inputs are averaged ahead of a nonlinear formula")
+STALE_FRAMES = Assumption("stale frames", "what was seen in earlier frames stands for what is seen now")
 
 
 @dataclass(frozen=True)
