@@ -95,7 +95,7 @@ class MovingClouds(Scene):
     ELEVATION = 30.0  # deg
     FIELD_OF_VIEW = 40.0  # deg
     EYE = (0.0, 0.0, 2.0)  # m
-    WIND = (0.6, -0.8, 0.0)
+    WIND = (0.0, -1.0, 0.0)
     CELLS = 32  # along an edge of Mitsuba's grid of a puff
 
     def eye(self) -> tuple[list[float], list[float]]:

@@ -68,8 +68,8 @@ def cloud_reprojection(
     wind: Literal["ignored", "followed"] = "ignored",
     filter: Filter = "bilinear",
     blend: Annotated[float, Sweep(0.5, low=0, high=0.99)] = 0.0,
-    frames: Annotated[int, Sweep(low=1, high=1024)] = 32,
-    steps: Annotated[int, Sweep(low=1, high=1024)] = 64,
+    frames: Annotated[int, Sweep(low=1, high=1024)] = 24,
+    steps: Annotated[int, Sweep(low=1, high=1024)] = 32,
 ) -> mi.Color3f:
     """Transmittance (0 to 1) of the last frame, one value per pixel.
 
