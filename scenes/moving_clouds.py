@@ -1,4 +1,4 @@
-"""Puffs of cloud over hills, seen by a camera that has turned and flown while the wind blew: the last frame."""
+"""Puffs of cloud over hills, in the last frame of a camera that has turned and flown while the wind blew."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class Flight:
     """How camera and clouds came to be where they are in the last frame.
 
     eye: m, now. heading, elevation: of the middle of the image, rad, the heading from +x towards +y.
-    field_of_view: across the image, rad. turn: of the heading in a frame, rad. travel, wind: ways (m) that the
-    camera and the clouds go in a frame.
+    field_of_view: across the image, rad. turn: of the heading in a frame, rad. travel, wind: ways
+    (m) that the camera and the clouds go in a frame.
     """
 
     eye: tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""Frames of a moving pinhole camera: their rays, where a point stood on an earlier screen, and what was there.
+"""Frames of a moving pinhole camera: rays, where a point stood on an earlier screen, and what was there.
 
 A screen is a flat array, row by row; places on it are in pixels, whole at the pixels' centres.
 """
@@ -6,7 +6,7 @@ A screen is a flat array, row by row; places on it are in pixels, whole at the p
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
@@ -40,20 +40,18 @@ def pixels(width: int, height: int) -> mi.Point2u:
     return mi.Point2u(i % width, i // width)
 
 
-def fetch(image: Any, at: mi.Point2f, width: int, height: int, filter: str) -> tuple[Any, mi.Bool]:
-    """An image at places on its screen, and whether they lie on it; its edge stands for what is beyond."""
-    inside = dr.all((at >= -0.5) & (at <= mi.Point2f(width - 0.5, height - 0.5)))
+def texture(image: mi.Float, width: int, height: int, filter: str) -> mi.Texture2f:
+    """An image as a texture unit reads it; its edge stands for what is beyond."""
+    mode = dr.FilterMode.Nearest if filter == "nearest" else dr.FilterMode.Linear
+    texels = mi.TensorXf(image, shape=(height, width, 1))
+    return mi.Texture2f(texels, use_accel=False, filter_mode=mode, wrap_mode=dr.WrapMode.Clamp)
 
-    def tap(x: mi.Float, y: mi.Float) -> Any:
-        pixel = mi.Point2u(dr.clip(x, 0, width - 1), dr.clip(y, 0, height - 1))
-        return dr.gather(type(image), image, dr.fma(pixel.y, width, pixel.x))
 
-    if filter == "nearest":
-        return tap(dr.round(at.x), dr.round(at.y)), inside
-    low = dr.floor(at)
-    share = at - low
-    above, below = (dr.lerp(tap(low.x, y), tap(low.x + 1, y), share.x) for y in (low.y, low.y + 1))
-    return dr.lerp(above, below, share.y), inside
+def fetch(image: mi.Texture2f, at: mi.Point2f) -> tuple[mi.Float, mi.Bool]:
+    """An image at places on its screen, and whether they lie on it."""
+    height, width, _ = image.shape
+    uv = (at + 0.5) / mi.Point2f(width, height)
+    return image.eval(uv)[0], dr.all((uv >= 0) & (uv <= 1))
 
 
 def earlier(
@@ -64,17 +62,16 @@ def earlier(
     blown: mi.Vector3f,
 ) -> mi.Point2f:
     """Where on the screen of the frame before stood what is seen along d (unit) at a distance of `reach` (m;
-    None: infinitely far) and has since been blown so far (m). Off the screen where it stood behind."""
-    p = before.eye + d if reach is None else mi.Point3f(camera.eye + reach * d) - blown
-    at, z = before.project(p)
-    return dr.select(z > 0, at, -1e6)
+    None: infinitely far) and has since been blown so far (m). It must have been in front of the camera."""
+    p = before.eye + d if reach is None else camera.eye + reach * d - blown
+    return before.project(p)[0]
 
 
 def crossed(
     view: View, o: mi.Point3f, d: mi.Vector3f, blown: mi.Vector3f, steps: int, first: mi.Float | float
 ) -> tuple[mi.Float, mi.Float]:
     """Transmittance (0 to 1) of the clouds along rays by `steps` samples, the first of them after the share
-    `first` of a step, and the mean distance (m) of what light is lost to, that of the near side where none is.
+    `first` of a step, and the mean distance (m) of what takes light away, the near side where nothing does.
 
     blown: how far (m) the clouds have still to go to where they are in the last frame.
     """
