@@ -42,6 +42,7 @@ import mitsuba as mi
 from approximations.contract import SAMPLING, STALE_FRAMES, Domain, Sweep, at_most, exact_when, technique
 from approximations.kit.depth_buffer import DepthBuffer
 from approximations.kit.reprojection import (
+    INFINITY,
     Filter,
     Reach,
     crossed,
@@ -171,7 +172,7 @@ def _frame(
     small = texture(low, across, below, filter)
     old, _ = fetch(small, (mi.Point2f(x) - mi.Point2f(offset)) / block)
     if before is not None:
-        reach = None
+        reach = mi.Float(INFINITY)
         if distance == "shell":
             reach = view.cloud.span(camera.eye, d)[0]
         elif distance == "depth":

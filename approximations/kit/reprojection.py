@@ -17,6 +17,8 @@ from scenes.contract import View
 Filter = Literal["bilinear", "nearest"]
 Reach = Literal["shell", "depth", "infinity"]
 
+INFINITY = 1e7  # m: 60 m aside are 1/200 of a pixel of 0.07 degrees
+
 
 def screen(view: View, ago: int) -> DepthBuffer:
     """The camera as it stood some frames ago, of the view's `cloud.model` (place, axes, field_of_view). What
@@ -58,13 +60,12 @@ def earlier(
     before: DepthBuffer,
     camera: DepthBuffer,
     d: mi.Vector3f,
-    reach: mi.Float | None,
+    reach: mi.Float,
     blown: mi.Vector3f,
 ) -> mi.Point2f:
-    """Where on the screen of the frame before stood what is seen along d (unit) at a distance of `reach` (m;
-    None: infinitely far) and has since been blown so far (m). It must have been in front of the camera."""
-    p = before.eye + d if reach is None else camera.eye + reach * d - blown
-    return before.project(p)[0]
+    """Where on the screen of the frame before stood what is seen along d (unit) at a distance of `reach`
+    (m) and has since been blown so far (m). It must have been in front of the camera."""
+    return before.project(camera.eye + reach * d - blown)[0]
 
 
 def crossed(
