@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from approximations.clouds.cloud_reprojection import cloud_reprojection, permutation, pictures
-from approximations.kit.reprojection import earlier, ray, screen
+from approximations.clouds.jittered_accumulation import jittered_accumulation, starts
+from approximations.kit.reprojection import earlier, pixels, ray, screen
 from reference.closed_form.fog import pinhole_rays
 from reference.closed_form.moving_clouds import depth_along, moving_transmittance
 from reference.verify.routes_moving_clouds import moving_clouds_against_points
@@ -181,3 +182,47 @@ def test_mitsubas_puffs_are_the_closed_forms():
 
 def test_closed_form_is_what_strewn_points_find():
     assert all(judge(c, 1e-3)["verdict"] == "agrees" for c in moving_clouds_against_points(3))
+
+
+def accumulated(fields, **knobs):
+    view = MovingClouds(**(REST | fields)).view(SIZE)
+    return np.array(jittered_accumulation(view, **knobs), np.float64)[0].reshape(SIZE, SIZE)
+
+
+def test_a_jittered_march_is_too_clear_and_frames_do_not_mend_it():
+    truth = moving_transmittance(MovingClouds(), SIZE)[..., 0]
+    few, many = (accumulated({}, frames=n, share=0.001, steps=4).mean() - truth.mean() for n in (16, 64))
+    fine = accumulated({}, frames=64, share=0.001, steps=32).mean() - truth.mean()
+    assert few > 0.02 and many == pytest.approx(few, rel=0.05)
+    assert abs(fine) < 1e-4
+
+
+def test_jitter_hides_bands_as_well_as_frames_are_many():
+    truth = moving_transmittance(MovingClouds(), SIZE)[..., 0]
+    none, one, many = (
+        np.sqrt(((accumulated({}, noise=noise, frames=n, share=0.001) - truth) ** 2).mean())
+        for noise, n in (("none", 16), ("gradient", 1), ("gradient", 16))
+    )
+    assert many < 0.4 * one and many < 0.4 * none
+
+
+@pytest.mark.parametrize("noise", ["gradient", "white"])
+def test_starts_are_even_over_a_step_and_anew_in_each_frame(noise):
+    x = pixels(SIZE, SIZE)
+    first, second = (np.array(starts(x, SIZE, mi.UInt32(n), noise)) for n in (0, 1))
+    counts = np.histogram(first, bins=8, range=(0, 1))[0]
+    assert counts.sum() == SIZE * SIZE and counts.min() > 0.85 * SIZE * SIZE / 8
+    assert np.abs(first - second).mean() > 0.3
+    if noise == "gradient":
+        tiles = first.reshape(SIZE, SIZE)[:63, :63].reshape(21, 3, 21, 3).mean(axis=(1, 3))
+        assert tiles.std() < 0.5 * first.std() / 3
+
+
+def test_accumulation_ends_a_ghost_by_a_share_a_frame():
+    view, plain = MovingClouds(**REST).view(SIZE), MovingClouds(**REST).flight()
+    past = Vanishing(**dataclasses.asdict(plain), frames=4)
+    gone = dataclasses.replace(view, cloud=dataclasses.replace(view.cloud, model=past))
+    knobs = {"share": 0.3, "steps": 32, "noise": "none", "frames": 40}
+    left = 1 - np.array(jittered_accumulation(gone, **knobs))[0]
+    whole = 1 - np.array(jittered_accumulation(view, **knobs))[0]
+    assert left.sum() == pytest.approx(0.7**5 * whole.sum(), rel=0.01)
