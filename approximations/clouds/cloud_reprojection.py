@@ -9,8 +9,10 @@ something is taken to be at the distance t,
     y = project_{n-1}(o + t d),
     C_n(x) = march where it is x's turn,  C_{n-1}(y) where y lies on the screen,  else the small image at x.
 
-With all at rest C is the full march after b^2 frames. What it costs: changes are up to b^2 frames late, t is
-a guess, every fetch blurs, and nothing is known of what comes in over an edge.
+With all at rest C is the full march after b^2 frames, and a cloud that is gone is gone after as many. What it
+costs: changes are late, t is a guess, every fetch blurs, nothing is known of what comes in over an edge, and
+pixels jump at their turn: with clouds that move 20 m a frame the change from frame to frame is wrong by 3.6
+times itself, by 1.1 where depth and wind are followed (block 2: 1.7 and 0.7).
 
 Not given, and what was done here:
 - `distance`: where the ray enters the layer of clouds ("shell"), the mean distance of what the small image
@@ -74,7 +76,7 @@ AT_REST = {"turn": 0.0, "travel": 0.0, "wind": 0.0}
         exact_when("MovingClouds", 0.003, knobs={"image": "exact"}),
         exact_when("MovingClouds", 0.003, fields=AT_REST),
     ),
-    stress={"MovingClouds": ("turn", "wind")},
+    stress={"MovingClouds": ("travel", "wind")},
 )
 def cloud_reprojection(
     view: View,
