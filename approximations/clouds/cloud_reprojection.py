@@ -12,8 +12,8 @@ something is taken to be at the distance t,
 With all at rest C is the full march after b^2 frames, and a cloud that is gone is gone after as many. What it
 costs: changes are late, t is a guess, every fetch blurs, nothing is known of what comes in over an edge, and
 pixels jump at their turn: with clouds that move 20 m a frame the change from frame to frame is wrong by 3.6
-times itself, by 1.1 where depth and wind are followed (block 2: 1.7 and 0.7). A frame does 1/12 of the work of
-a full march, at 64 steps 1/14: the projection and the history of all pixels are why it is not 1/16.
+times itself, by 1.1 where depth and wind are followed (block 2: 1.7 and 0.7). A frame does 1/12 of the work
+of a full march, at 64 steps 1/14: the projection and the history of all pixels are why it is not 1/16.
 
 Not given, and what was done here:
 - `distance`: where the ray enters the layer of clouds ("shell"), the mean distance of what the small image
