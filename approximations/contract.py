@@ -57,6 +57,7 @@ PENUMBRA_WIDTH = Assumption("width of the penumbra", "a filter of chosen width s
 NO_MODEL = Assumption("no model", "a look chosen by eye, which stands for no integral")
 MOTION = Assumption("motion", "what moves is taken to stand still, or to keep its pace or its shape")
 FILTERED_PARAMETERS = Assumption("filtered parameters", "inputs are averaged ahead of a nonlinear formula")
+STALE_FRAMES = Assumption("stale frames", "what was seen in earlier frames stands for what is seen now")
 
 
 @dataclass(frozen=True)
