@@ -144,19 +144,17 @@ def bake(
     """
     view = _rainy(view)
     cloud, g = view.cloud, view.cloud.g
+    sun = np.array(view.sun.direction, dtype=float).ravel()[::-1]
     ahead = {"delta": g * g, "similar": g, "none": 0.0}[peak]
     grid, axes = _grid(view.bounds, resolution)
     x = cell_centres(grid)
     depth = on_grid(grid, light_depth(view, x, DEPTH_STEPS)).astype(float)
     extinction = on_grid(grid, sum(cloud.extinction(x + grid.cell * c) for c in _corners(axes)))
     sigma = extinction.astype(float) / 2 ** len(axes)
-    sun = np.array(view.sun.direction, dtype=float).ravel()[::-1]
     phi, flux = solve(sigma, depth, grid.cell, axes, sun, cloud.albedo, g, ahead)
-    values = np.stack([phi, *flux[::-1]], axis=-1)
-    nearest = ndimage.distance_transform_edt(
-        sigma <= THIN * sigma.max(), return_distances=False, return_indices=True
-    )
-    return Diffused(as_volume(grid, values[tuple(nearest)]), ahead)
+    away, nearest = ndimage.distance_transform_edt(sigma <= THIN * sigma.max(), return_indices=True)
+    values = np.stack([phi, *flux[::-1]], axis=-1)[tuple(nearest)]
+    return Diffused(as_volume(grid, np.where(away[..., None] < 2, values, 0)), ahead)
 
 
 @diffusion_source.domain
@@ -270,12 +268,12 @@ def _source(
 
 
 def _rainy(view: View) -> View:
-    """The view with the rain in its cloud's extinction."""
-    dry = view.cloud
+    """The view with the rain in its cloud's extinction, and a sun of its own: loops widen what they read."""
+    dry, sun = view.cloud, dataclasses.replace(view.sun, direction=mi.Vector3f(view.sun.direction))
     wet = dataclasses.replace(
         dry, extinction=lambda p: dry.precipitation * dry.extinction(p), precipitation=1.0
     )
-    return dataclasses.replace(view, cloud=wet)
+    return dataclasses.replace(view, cloud=wet, sun=sun)
 
 
 def _grid(bounds: tuple, resolution: int) -> tuple[Grid, tuple[int, ...]]:
