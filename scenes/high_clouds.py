@@ -40,7 +40,7 @@ class HighClouds(Scene):
         sigma(p) = optical_depth / thickness prod (1 + cos(k . (p - time wind) + f))
 
     at every height within it: streaks up to 8 times as deep as the mean. The camera stands on the ground and
-    looks up at `elevation`, along +y. The sun, a point, stands SUN_ASIDE degrees to the right of that. The ice
+    looks up at `elevation`, along +y. The sun, a point, stands SUN_ASIDE degrees to the right of it. The ice
     absorbs nothing and scatters by a Henyey-Greenstein lobe. Mitsuba's slab ends REACH away.
     """
 

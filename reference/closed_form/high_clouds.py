@@ -1,4 +1,4 @@
-r"""A slab whose extinction is the same at every height: what crosses it and what it scatters once, in float64.
+r"""A slab whose extinction is the same at every height: what crosses it and is scattered once, in float64.
 
 The product of the streaks' factors 1 + cos is a sum of waves a_k exp(i k . x). Along a ray that is in the
 slab for the length s about its middle x_m each has the mean sinc, so that
@@ -41,10 +41,10 @@ def high_depth(scene: HighClouds, size: int) -> np.ndarray:
     slope = w[..., :2] / w[..., 2:]
     middle = (scene.BASE + scene.thickness / 2 - o[2]) * slope - scene.time * np.array(scene.WIND)
     total = np.ones(slope.shape[:2])
-    for kx, ky, amplitude, phase in terms():
+    for kx, ky, amplitude, f in terms():
         k = 2 * np.pi / scene.TILE * np.array([kx, ky])
         mean = np.sinc(slope @ k * scene.thickness / (2 * np.pi))
-        total += amplitude * mean * np.cos(middle @ k + phase)
+        total += amplitude * mean * np.cos(middle @ k + f)
     return (scene.optical_depth * total / w[..., 2])[..., None]
 
 
@@ -120,11 +120,11 @@ def _sums(angles: list) -> list:
 def terms() -> list[tuple[int, int, float, float]]:
     """(k_x, k_y, amplitude, phase) of the cosines that the product of the factors is 1 plus the sum of."""
     found: list[tuple[int, int, float, float]] = []
-    for kx, ky, phase in WAVES:
+    for kx, ky, start in WAVES:
         both = [
-            (kx + side * ax, ky + side * ay, a / 2, phase + side * f)
+            (kx + side * ax, ky + side * ay, a / 2, start + side * f)
             for ax, ay, a, f in found
             for side in (1, -1)
         ]
-        found += [(kx, ky, 1.0, phase), *both]
+        found += [(kx, ky, 1.0, start), *both]
     return found
