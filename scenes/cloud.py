@@ -73,6 +73,10 @@ class SunlitCloud(Scene):
         """Distances (m) between which the ray o + t d, t >= 0, is in the cloud; both 0 where it misses."""
         raise NotImplementedError
 
+    def bounds(self) -> tuple[list[float], list[float]]:
+        """Lower and upper corner of the cloud, m; infinite along axes on which nothing changes."""
+        raise NotImplementedError
+
     def mitsuba(self, size: int = 128) -> dict:
         sigma_t, albedo = self.rainy
         medium = {
@@ -100,7 +104,7 @@ class SunlitCloud(Scene):
             precipitation=self.precipitation,
         )
         sun = Sun(mi.Vector3f(self.to_sun()), 0.0, SUN_IRRADIANCE)
-        return View(size, size, camera, sun=sun, cloud=cloud)
+        return View(size, size, camera, sun=sun, cloud=cloud, bounds=self.bounds())
 
 
 @scene(
@@ -148,6 +152,9 @@ class CloudSlab(SunlitCloud):
 
     def inside(self, p: mi.Point3f) -> mi.Bool:
         return (p.z >= 0) & (p.z <= 1)
+
+    def bounds(self) -> tuple[list[float], list[float]]:
+        return [-math.inf, -math.inf, 0.0], [math.inf, math.inf, 1.0]
 
     def span(self, o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
         bottom, top = -o.z / d.z, (1 - o.z) / d.z
@@ -211,6 +218,9 @@ class CloudSphere(SunlitCloud):
 
     def inside(self, p: mi.Point3f) -> mi.Bool:
         return dr.squared_norm(p) <= 1
+
+    def bounds(self) -> tuple[list[float], list[float]]:
+        return [-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]
 
     def span(self, o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
         middle = -dr.dot(o, d)

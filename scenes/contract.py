@@ -335,7 +335,7 @@ class View:
     noise: Any = None  # what the noise at the probes is made of (scenes.noise_tile.Recipe), in tiles
     fragments: Fragments | None = None
     solids: tuple[Solid, ...] = ()
-    bounds: tuple[Any, Any] | None = None  # lower and upper corner of what a volume has to cover, m
+    bounds: tuple[Any, Any] | None = None  # corners of what a volume has to cover, m; infinite: all alike
     inlay: Inlay | None = None
     visible: Callable[[Any, Any, Any], Any] | None = None
     trace: Callable[[Any, Any], Any] | None = None

@@ -91,6 +91,9 @@ class GridCloud(SunlitCloud):
         """Whether points lie in the box."""
         return dr.all((p >= mi.Point3f(self.LOW)) & (p <= mi.Point3f(self.HIGH)))
 
+    def bounds(self) -> tuple[list[float], list[float]]:
+        return list(self.LOW), list(self.HIGH)
+
     def span(self, o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
         low, high = (mi.Point3f(self.LOW) - o) / d, (mi.Point3f(self.HIGH) - o) / d
         near = dr.maximum(dr.max(dr.minimum(low, high)), 0)
@@ -164,7 +167,7 @@ class GridCloud(SunlitCloud):
         irradiance = SUN_IRRADIANCE if self.lit_by != "sky" else 0.0
         sun = Sun(mi.Vector3f(self.to_sun()), 0.0, irradiance)
         sky = self.sky if self.lit_by != "sun" else None
-        return View(size, size, camera, sun=sun, environment=sky, cloud=cloud)
+        return View(size, size, camera, sun=sun, environment=sky, cloud=cloud, bounds=self.bounds())
 
     def view(self, size: int = 128) -> View:
         return self._view(size, camera_rays(mi.load_dict(self.sensor(size)), size))

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scenes.contract import TRANSMITTANCE, Axis, Cloud, Scene, Sun, View, scene
+from scenes.contract import SINGLE_SCATTERING, TRANSMITTANCE, Axis, Cloud, Scene, Sun, View, scene
 from scenes.mitsuba_parts import camera_rays, direction, perspective, point_sun
 
 WAVES = ((1, 3, 0.4), (-1, 5, 1.7), (2, 1, 2.6))
@@ -30,7 +30,7 @@ class Sheet:
 @scene(
     theme="clouds",
     shows="streaks of high cloud between the horizon and overhead",
-    quantities=(TRANSMITTANCE,),
+    quantities=(TRANSMITTANCE, SINGLE_SCATTERING),
     exposure=(0.0, 4.0),
 )
 @dataclass(frozen=True)
@@ -40,21 +40,30 @@ class HighClouds(Scene):
         sigma(p) = optical_depth / thickness prod (1 + cos(k . (p - time wind) + f))
 
     at every height within it: streaks up to 8 times as deep as the mean. The camera stands on the ground and
-    looks up at `elevation`, along +y. Mitsuba's slab ends REACH away.
+    looks up at `elevation`, along +y. The sun, a point, stands SUN_ASIDE degrees to the right of it. The ice
+    absorbs nothing and scatters by a Henyey-Greenstein lobe. Mitsuba's slab ends REACH away.
     """
 
     optical_depth: Annotated[float, Axis(0.02, 3, log=True)] = 0.3  # mean, straight up
     elevation: Annotated[float, Axis(23, 65, unit="deg")] = 30.0
     thickness: Annotated[float, Axis(30, 3000, log=True, unit="m")] = 300.0
     time: Annotated[float, Axis(0, 3600, unit="s")] = 30.0
+    sun_elevation: Annotated[float, Axis(5, 90, unit="deg")] = 40.0
+    g: Annotated[float, Axis(0, 0.9)] = 0.75
 
     BASE = 8000.0  # m
     TILE = 8000.0  # m
     WIND = (30.0, 12.0)  # m/s
     FIELD_OF_VIEW = 40.0  # deg
     EYE = 2.0  # m
+    SUN_ASIDE = 30.0  # deg
+    SUN_IRRADIANCE = 1.0  # W/m^2 on a surface that faces the sun
     REACH = 6e4  # m
     CELLS = 64  # of Mitsuba's grid in a tile
+
+    def to_sun(self) -> list[float]:
+        """Unit direction to the sun."""
+        return direction(self.sun_elevation, 90.0 - self.SUN_ASIDE)
 
     def eye(self) -> tuple[list[float], list[float]]:
         """Where the camera stands and a point 1 km on that it looks at, m."""
@@ -84,8 +93,9 @@ class HighClouds(Scene):
     def view(self, size: int = 128) -> View:
         camera = camera_rays(mi.load_dict(self.sensor(size)), size)
         sheet = Sheet(self.BASE, self.thickness, self.TILE, self.WIND, self.time)
-        cloud = Cloud(self.extinction, self.span, 1.0, 0.0, 1.0, model=sheet)
-        return View(size, size, camera, sun=Sun(mi.Vector3f(0, 0, 1), 0.0, 1.0), cloud=cloud)
+        cloud = Cloud(self.extinction, self.span, 1.0, self.g, 1.0, model=sheet)
+        sun = Sun(mi.Vector3f(self.to_sun()), 0.0, self.SUN_IRRADIANCE)
+        return View(size, size, camera, sun=sun, cloud=cloud)
 
     def mitsuba(self, size: int = 128) -> dict:
         n = round(2 * self.REACH / self.TILE * self.CELLS)
@@ -105,10 +115,11 @@ class HighClouds(Scene):
                 "to_world": box.translate([-1, -1, -1]).scale(2),
             },
             "albedo": 1.0,
+            "phase": {"type": "hg", "g": self.g},
         }
         return {
             "type": "scene",
             "cloud": {"type": "cube", "to_world": box, "bsdf": {"type": "null"}, "interior": medium},
-            "sun": point_sun([0.0, 0.0, 1.0], 1.0),
+            "sun": point_sun(self.to_sun(), self.SUN_IRRADIANCE),
             "sensor": self.sensor(size),
         }
