@@ -51,24 +51,41 @@ def vector_irradiance(*caps: Cap) -> np.ndarray:
     By Stokes, Phi = 1/2 oint w x dw round the boundary. On the circle of cap (a, r), with rho(phi) the
     unit tangent at a towards azimuth phi, an arc of it adds
         1/2 [sin(r)^2 a (phi_1 - phi_0) - sin r cos r int rho dphi].
-    Every circle is cut where another crosses it, and the arcs inside all other caps count. Two caps make
-    a lens, a cap and the hemisphere about n a cap on the horizon, hemispheres alone a polygon.
+    Every circle is cut where another crosses it, and the arcs inside all other caps count; a cap inside all
+    others counts whole, pi sin(r)^2 a, and nothing does where two are apart. Two caps make a lens, a cap and
+    the hemisphere about n a cap on the horizon, hemispheres alone a polygon.
     """
     caps = tuple((np.asarray(a, np.float64), np.asarray(r, np.float64)) for a, r in caps)
     shape = np.broadcast_shapes(*(np.broadcast_shapes(a.shape[:-1], r.shape) for a, r in caps))
-    total = np.zeros((*shape, 3))
+    caps = tuple((np.broadcast_to(a, (*shape, 3)), np.broadcast_to(r, shape)) for a, r in caps)
+    total, cut = np.zeros((*shape, 3)), np.ones(shape, bool)
+    for i, (a, r) in enumerate(caps):
+        whole = np.ones(shape, bool)
+        for b, q in caps[:i] + caps[i + 1 :]:
+            d = np.arccos(np.clip(_dot(a, b), -1, 1))
+            whole &= d + r < q
+            cut &= d < r + q
+        total += np.where((whole & cut)[..., None], np.pi * np.sin(r)[..., None] ** 2 * a, 0)
+        cut &= ~whole
+    total[cut] = _by_arcs(tuple((a[cut], r[cut]) for a, r in caps))
+    return total
+
+
+def _by_arcs(caps: tuple[Cap, ...]) -> np.ndarray:
+    """Phi (n, 3) of caps (n, 3), (n)."""
+    total = np.zeros_like(caps[0][0])
     for i, (a, r) in enumerate(caps):
         others = caps[:i] + caps[i + 1 :]
         u, v = _tangents(a)
-        ends = [np.full(shape, -np.pi), np.full(shape, np.pi)]
+        ends = [np.full(r.shape, -np.pi), np.full(r.shape, np.pi)]
         for b, q in others:
-            ends += [np.broadcast_to(end, shape) for end in _crossings(a, r, u, v, b, q)]
+            ends += _crossings(a, r, u, v, b, q)
         cuts = np.sort(np.stack(ends), axis=0)
         sin, cos = np.sin(r)[..., None], np.cos(r)[..., None]
         for low, high in zip(cuts[:-1, ..., None], cuts[1:, ..., None], strict=True):
             middle = 0.5 * (low + high)
             w = cos * a + sin * (np.cos(middle) * u + np.sin(middle) * v)
-            inside = np.ones(shape, bool)
+            inside = np.ones(r.shape, bool)
             for b, q in others:
                 inside &= _dot(w, b) > np.cos(q)
             rho = (np.sin(high) - np.sin(low)) * u + (np.cos(low) - np.cos(high)) * v

@@ -37,10 +37,12 @@ def pinhole(scene: GlassSheets, size: int) -> np.ndarray:
 def hits(sheet, rays: np.ndarray) -> np.ndarray:
     """Depth along y (m) where each ray meets the sheet, infinite where it does not."""
     c, u, v = (np.array(e) for e in (sheet.centre, sheet.u, sheet.v))
-    matrix = np.stack([np.broadcast_to(u, rays.shape), np.broadcast_to(v, rays.shape), -rays], axis=-1)
-    solved = np.linalg.solve(matrix, np.broadcast_to(-c, rays.shape)[..., None])[..., 0]
-    inside = (np.abs(solved[..., :2]) <= sheet.half).all(axis=-1)
-    return np.where(inside, solved[..., 2], np.inf)
+    n = np.cross(u, v)
+    y = (n @ c) / (rays @ n)
+    met = y[..., None] * rays - c
+    a, b = (met @ np.cross(e, n) / (f @ np.cross(e, n)) for e, f in ((v, u), (u, v)))
+    inside = np.maximum(np.abs(a), np.abs(b)) <= sheet.half
+    return np.where(inside, y, np.inf)
 
 
 def wall(scene: GlassSheets, rays: np.ndarray) -> np.ndarray:

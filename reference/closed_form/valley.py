@@ -72,30 +72,35 @@ def wall(scene: Valley, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def other_wall(scene: Valley, p: np.ndarray, side: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The four hemispheres that intersect in the other wall, seen from p."""
+    """Of each edge of the other wall, seen from p: the axis m of the hemisphere that it bounds (n, 3), and
+    the angle that it subtends (n,). The four hemispheres intersect in the wall."""
     up, _ = wall(scene, -side)
     y = np.array([0.0, 1.0, 0.0])
     bottom, top = np.zeros_like(p) - p * [1, 0, 1], scene.WALL * up - p * [1, 0, 1]
     far, near = ((sign * scene.LENGTH - p[:, 1:2]) * y for sign in (1, -1))
     corners = [bottom + near, bottom + far, top + far, top + near]
     middle = sum(corners)
-    planes = []
+    edges = []
     for b, c in zip(corners, corners[1:] + corners[:1], strict=True):
         m = np.cross(b, c)
-        m *= np.sign((m * middle).sum(axis=1, keepdims=True)) / np.linalg.norm(m, axis=1, keepdims=True)
-        planes.append((m, np.array(HALF)))
-    return planes
+        sine = np.linalg.norm(m, axis=1)
+        angle = np.arctan2(sine, (b * c).sum(axis=1))
+        edges.append((m * (np.sign((m * middle).sum(axis=1)) / sine)[:, None], angle))
+    return edges
 
 
 def irradiance_of_sun(scene: Valley, p: np.ndarray, side: np.ndarray) -> np.ndarray:
     """E_sun over L_sun (n,)."""
     n = wall(scene, side)[1]
     sun = (np.array(direction(scene.light_elevation, scene.light_azimuth)), np.array(scene.light_radius))
-    seen = vector_irradiance(sun, (n, np.array(HALF))) - vector_irradiance(sun, *other_wall(scene, p, side))
+    other = [(m, np.array(HALF)) for m, _ in other_wall(scene, p, side)]
+    seen = vector_irradiance(sun, (n, np.array(HALF))) - vector_irradiance(sun, *other)
     return (n * seen).sum(axis=1)
 
 
 def irradiance_of_sky(scene: Valley, p: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """Irradiance of the whole visible sky, sun included, over L_sky (n,)."""
+    """Irradiance of the whole visible sky, sun included, over L_sky (n,): the wall is a polygon, whose Phi
+    is half the sum of angle times m over its edges (Lambert)."""
     n = wall(scene, side)[1]
-    return math.pi - (n * vector_irradiance(*other_wall(scene, p, side))).sum(axis=1)
+    blocked = sum(0.5 * angle * (n * m).sum(axis=1) for m, angle in other_wall(scene, p, side))
+    return math.pi - blocked
