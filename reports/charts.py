@@ -123,8 +123,8 @@ TOP_TITLE: dict[str, Any] = {
 
 
 def layer(rows: list[dict]) -> alt.Chart:
-    """A chart of plain rows."""
-    return alt.Chart(alt.Data(values=rows))
+    """A chart of plain rows, as a tuple since Altair copies lists over and over."""
+    return alt.Chart(alt.Data(values=tuple(rows)))
 
 
 def error_scale(relative: bool) -> tuple[float, str]:
@@ -204,10 +204,10 @@ def cost_chart(case: dict, records: dict[str, dict], name: str) -> tuple[Markup,
         .mark_line(color=TRACER, strokeWidth=1.2, opacity=0.6)
         .encode(X, Y),
         bars.mark_rule(strokeWidth=1, opacity=0.45)
-        .encode(X, Y, x2="x_high:Q", color=colour)
+        .encode(X, Y, alt.X2("x_high:Q"), color=colour)
         .transform_calculate(x="datum.x_low"),
         bars.mark_rule(strokeWidth=1, opacity=0.45)
-        .encode(X, Y, y2="y_high:Q", color=colour)
+        .encode(X, Y, alt.Y2("y_high:Q"), color=colour)
         .transform_calculate(y="datum.y_low"),
     ]
     shapes = {"tracer": ("square", 34), "rival": ("diamond", 60), "default": ("circle", 130)}
@@ -216,12 +216,12 @@ def cost_chart(case: dict, records: dict[str, dict], name: str) -> tuple[Markup,
         layers.append(
             layer([p for p in points if p["group"] == group])
             .mark_point(shape=shape, size=area, filled=True, opacity=1, stroke=PAPER, strokeWidth=1)
-            .encode(X, Y, color=colour, description="said:N")
+            .encode(X, Y, alt.Description("said:N"), color=colour)
         )
     layers.append(
         layer(labels)
         .mark_rule(strokeWidth=0.7, opacity=0.6)
-        .encode(x.encode(alt.X, "x", "frame time, ms"), Y, x2="lx:Q", y2="ly:Q", color=colour)
+        .encode(x.encode(alt.X, "x", "frame time, ms"), Y, alt.X2("lx:Q"), alt.Y2("ly:Q"), color=colour)
     )
     LX, LY = (
         x.encode(alt.X, "lx", "frame time, ms"),
@@ -234,7 +234,7 @@ def cost_chart(case: dict, records: dict[str, dict], name: str) -> tuple[Markup,
                 layers.append(
                     layer(chosen)
                     .mark_text(align=align, baseline="middle", fontWeight="bold" if bold else "normal")
-                    .encode(LX, LY, text="text:N", color=colour)
+                    .encode(LX, LY, alt.Text("text:N"), color=colour)
                 )
     chart = alt.layer(*layers).properties(width=width, height=height)
     return svg(chart, name), knobs
@@ -335,12 +335,14 @@ def ladder_chart(case: dict, records: dict[str, dict], name: str) -> Markup | No
     X = alt.X("value:Q", scale=scale, axis=alt.Axis(title=title, tickCount=5, format=PLAIN))
     base = layer(rows)
     chart = alt.layer(
-        base.mark_bar(height=20, color=ACCENT).encode(X, Y, description="text:N"),
+        base.mark_bar(height=20, color=ACCENT).encode(X, Y, alt.Description("text:N")),
         base.mark_bar(height=20, opacity=1).encode(
-            alt.X("last:Q", scale=scale), Y, x2="value:Q", color=alt.Color("colour:N", scale=None)
+            alt.X("last:Q", scale=scale), Y, alt.X2("value:Q"), color=alt.Color("colour:N", scale=None)
         ),
-        base.mark_rule(strokeWidth=1.5, color=INK).encode(alt.X("low:Q", scale=scale), Y, x2="high:Q"),
-        base.mark_text(align="left", dx=7, color=INK).encode(alt.X("edge:Q", scale=scale), Y, text="text:N"),
+        base.mark_rule(strokeWidth=1.5, color=INK).encode(alt.X("low:Q", scale=scale), Y, alt.X2("high:Q")),
+        base.mark_text(align="left", dx=7, color=INK).encode(
+            alt.X("edge:Q", scale=scale), Y, alt.Text("text:N")
+        ),
     ).properties(width=380, height=34 * len(rows))
     return svg(chart, name)
 
@@ -406,13 +408,15 @@ def stress_chart(
         layers.append(layer([{"x": default}]).mark_rule(color=FRONT, strokeDash=[2, 3]).encode(X))
     layers += [
         base.mark_line(color=ACCENT, strokeWidth=1.5, opacity=0.6).encode(X, Y),
-        base.mark_rule(color=ACCENT, strokeWidth=1.5).encode(X, alt.Y("low:Q", scale=y_scale), y2="high:Q"),
+        base.mark_rule(color=ACCENT, strokeWidth=1.5).encode(
+            X, alt.Y("low:Q", scale=y_scale), alt.Y2("high:Q")
+        ),
         base.mark_point(size=46, filled=True, opacity=1, stroke=ACCENT, strokeWidth=1.5).encode(
-            X, Y, fill=alt.Fill("fill:N", scale=None), description="said:N"
+            X, Y, alt.Description("said:N"), fill=alt.Fill("fill:N", scale=None)
         ),
         layer([p | {"value": top} for p in lost])
         .mark_text(color=WORSE, fontSize=18, fontWeight="bold", baseline="top")
-        .encode(X, Y, text="text:N", description="said:N"),
+        .encode(X, Y, alt.Text("text:N"), alt.Description("said:N")),
     ]
     return svg(alt.layer(*layers).properties(width=width, height=height), name)
 
@@ -445,11 +449,13 @@ def overview_chart(rows: list[dict], relative: bool, name: str) -> Markup | None
     chart = alt.layer(
         layer(with_tracer)
         .mark_rule(color=GHOST, strokeWidth=3)
-        .encode(x.encode(alt.X, "from", title), Y, x2="to:Q"),
+        .encode(x.encode(alt.X, "from", title), Y, alt.X2("to:Q")),
         layer(with_tracer)
         .mark_point(shape="square", size=42, color=TRACER, filled=True, opacity=1)
-        .encode(x.encode(alt.X, "tracer", title), Y, description="instead:N"),
-        base.mark_point(size=80, filled=True, opacity=1, color=ACCENT).encode(X, Y, description="said:N"),
-        base.mark_text(align="right", color=INK, x=-14).encode(Y, text="named:N"),
+        .encode(x.encode(alt.X, "tracer", title), Y, alt.Description("instead:N")),
+        base.mark_point(size=80, filled=True, opacity=1, color=ACCENT).encode(
+            X, Y, alt.Description("said:N")
+        ),
+        base.mark_text(align="right", color=INK, x=-14).encode(Y, alt.Text("named:N")),
     ).properties(width=860, height=max(24 * len(drawn), 40))
     return svg(chart, name)
