@@ -50,6 +50,7 @@ from approximations.kit.phase import henyey_greenstein
 from scenes.cloud import CloudSlab, CloudSphere
 from scenes.contract import RADIANCE, SINGLE_SCATTERING, SOURCE_FUNCTION, Scene, View
 from scenes.cumulus import Cumulus
+from scenes.two_balls import TwoBalls
 
 ONCE_SCATTERED = {"energy": "beer", "phase": "exact", "steps": 1024}
 
@@ -85,7 +86,7 @@ def cloud_source(
     covers=tuple(f"cloudscapes/{i:02d}" for i in range(8, 13)),
     estimates=RADIANCE,
     also=(SINGLE_SCATTERING,),
-    on=(CloudSlab, CloudSphere, Cumulus),
+    on=(CloudSlab, CloudSphere, Cumulus, TwoBalls),
     replaces="all orders of scattering in a cloud in sunlight",
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
     claims=(
@@ -140,7 +141,7 @@ def domain(scene: Scene) -> Domain:
         return Domain(False, "a thin veil: the curve takes its light depth for the inside of a cloud")
     if isinstance(scene, Cumulus) and scene.lit_by != "sun":
         return Domain(False, "the light of the sky, for which the chapter has no term")
-    if not isinstance(scene, CloudSphere) and scene.sun_elevation < 10:
+    if isinstance(scene, CloudSlab | Cumulus) and scene.sun_elevation < 10:
         return Domain(False, "under a low sun the light's way through a layer is many times its thickness")
     return Domain(True)
 
