@@ -15,8 +15,8 @@ from scenes.two_balls import TwoBalls
 
 
 def chords(scene: TwoBalls, p: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """(n, 2, 2): distances (m) at which rays from p along unit w, both (n, 3), enter and leave the balls, from
-    0 on, in the order in which they are met; nothing between the two where a ball is missed."""
+    """(n, 2, 2): distances (m) at which rays from p along unit w, both (n, 3), enter and leave the balls,
+    from 0 on, in the order in which they are met; the two are the same where a ball is missed."""
     found = []
     for c in scene.middles():
         middle = np.sum((np.array(c) - p) * w, axis=1)

@@ -77,8 +77,8 @@ class TwoBalls(SunlitCloud):
         return left | right
 
     def span(self, o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
-        """Distances (m) between which the ray o + t d, t >= 0, meets cloud, with what clear air may lie between
-        the balls; both 0 where it misses."""
+        """Distances (m) between which the ray o + t d, t >= 0, meets cloud, with what clear air lies between the
+        balls; both 0 where it misses."""
         near, far = mi.Float(dr.inf), mi.Float(0)
         for c in self.middles():
             middle = dr.dot(mi.Point3f(c) - o, d)

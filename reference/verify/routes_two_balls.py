@@ -6,7 +6,7 @@ import numpy as np
 
 from reference import two_balls_monte_carlo as walk
 from reference.closed_form.two_balls import once_scattered_by_two_balls
-from reference.truth import box_filter
+from reference.surface_monte_carlo import eye_rays
 from reference.verify.agreement import Sampled
 from reference.verify.checks import Comparison, check
 from reference.verify.routes import SIZE, comparison, name, rendered, seeds
@@ -15,7 +15,8 @@ from reference.verify.routes_monte_carlo import walked
 from scenes.contract import RADIANCE, SINGLE_SCATTERING
 from scenes.two_balls import TwoBalls
 
-FINE = 32  # points a side of a pixel at which the closed form is averaged
+BEFORE = TwoBalls(optical_depth=4.0)
+BACKLIT = TwoBalls(optical_depth=2.0, sun_angle=150.0, turn=60.0, gap=0.5)
 
 
 @check(
@@ -28,10 +29,7 @@ def once_in_two_balls_against_volpath(seed: int) -> list[Comparison]:
     """One ball before the other, and apart under a sun that shines through one into the other."""
     return [
         compared(s, SINGLE_SCATTERING, once_scattered_by_two_balls(s, SIZE), seed, 512)
-        for s in (
-            TwoBalls(optical_depth=4.0),
-            TwoBalls(optical_depth=2.0, sun_angle=150.0, gap=0.5, turn=60.0),
-        )
+        for s in (BEFORE, BACKLIT)
     ]
 
 
@@ -42,16 +40,16 @@ def once_in_two_balls_against_volpath(seed: int) -> list[Comparison]:
     scenes=("TwoBalls",),
 )
 def once_in_two_balls_against_walks(seed: int) -> list[Comparison]:
-    """Over whole pixels."""
+    """Along rays through pixel centres."""
     found = []
-    for scene in (
-        TwoBalls(optical_depth=4.0),
-        TwoBalls(optical_depth=2.0, sun_angle=120.0, turn=75.0, gap=0.2),
-    ):
-        closed = Sampled.exact(box_filter(once_scattered_by_two_balls(scene, FINE * SIZE), FINE))
-        own = walked(lambda rng, s=scene: walk.image(s, SIZE, 128, rng, 1), seeds(seed, 0))
-        label = name(scene, SINGLE_SCATTERING)
-        found.append(comparison(label, closed, own, 2e-3 * np.abs(closed.mean)))
+    for scene in (BEFORE, BACKLIT):
+        o, w = (np.repeat(a.T, 128, axis=0) for a in eye_rays(scene.sensor(SIZE), SIZE))
+
+        def draw(rng: np.random.Generator, scene=scene, o=o, w=w) -> np.ndarray:
+            return walk.radiance(scene, o, w, rng, 1).reshape(SIZE, SIZE, 128, 1).mean(axis=2)
+
+        closed = Sampled.exact(once_scattered_by_two_balls(scene, SIZE))
+        found.append(comparison(name(scene, SINGLE_SCATTERING), closed, walked(draw, seeds(seed, 0))))
     return found
 
 
