@@ -77,7 +77,7 @@ class TwoBalls(SunlitCloud):
         return left | right
 
     def span(self, o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
-        """Distances (m) between which the ray o + t d, t >= 0, meets cloud, with what clear air lies between the
+        """Distances (m) between which the ray o + t d, t >= 0, meets cloud, with the clear air between the
         balls; both 0 where it misses."""
         near, far = mi.Float(dr.inf), mi.Float(0)
         for c in self.middles():

@@ -9,7 +9,8 @@ At a point p of the ball about c, with c' the middle of the other,
     across = 2 sqrt(max(D, 0)) if (c' - p) . l > 0 else 0,  D = 1 - |p - c'|^2 + ((p - c') . l)^2
 
 D is a quadratic in y. Between its roots and the ends of the chord the integrand is smooth but for square
-roots at the ends, which y = low + length (1 - cos(pi u)) / 2 takes away; a composite Gauss rule in u does the rest.
+roots at the ends, which y = low + length (1 - cos(pi u)) / 2 takes away, and a composite Gauss rule
+in u does the rest.
 """
 
 from __future__ import annotations
