@@ -46,10 +46,11 @@ and prints:
 - With the broad lobe the extinction that fits is 0.06 to 0.11 of the cloud's, near to the 1 - g = 0.15 of
   the similar cloud that scatters evenly; in print it is all of it. In the layer b is without bound: no dark
   skin is found where no light is lost sideways. In the heaps the skin is 1 / b, a fifth to a quarter of a
-  mean free path deep, half of what is printed: it is there, but the lit side keeps 60 % of the most that f
-  reaches.
-- A curve fitted to one cloud is no law. The layer's, with the broad lobe, makes the heaps 3.6 times as bright
-  as they are, since they lose most of their light sideways; the heaps' own leaves the layer 77 % too dark.
+  mean free path deep, half of what is printed: it is there, but the oracle's lit side has two thirds of the
+  most that it reaches.
+- A curve fitted to one cloud is no law. The layer's, with the broad lobe, makes the heaps 3.6 times as
+  bright as they are, since they lose most of their light sideways; the heaps' own leaves the layer 77 % too
+  dark.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ class Curve(NamedTuple):
     """What was fitted to one cloud with one lobe: a, b and k; the oracle's values at its knots."""
 
     constants: tuple[float, float, float]
-    values: mi.Float
+    values: mi.Texture1f
 
 
 @technique(
@@ -130,8 +131,11 @@ def light_curve(
 @light_curve.bake
 def bake() -> dict[str, Curve]:
     """The fits kept in TABLE, by cloud and lobe."""
-    kept = np.load(TABLE)
-    return {name: Curve(tuple(map(float, x[:3])), mi.Float(x[3:])) for name, x in kept.items()}
+
+    def texture(values: np.ndarray) -> mi.Texture1f:
+        return mi.Texture1f(mi.TensorXf(values[:, None]), use_accel=False, wrap_mode=dr.WrapMode.Clamp)
+
+    return {name: Curve(tuple(map(float, x[:3])), texture(x[3:])) for name, x in np.load(TABLE).items()}
 
 
 @light_curve.domain
@@ -150,9 +154,7 @@ def domain(scene: Scene) -> Domain:
     return Domain(True)
 
 
-def _between_knots(values: mi.Float, depth: mi.Float) -> mi.Float:
+def _between_knots(values: mi.Texture1f, depth: mi.Float) -> mi.Float:
     """The oracle at a depth, level beyond its first and last knots."""
-    along = dr.log(dr.clip(depth, FIRST, LAST) / FIRST) * ((KNOTS - 1) / np.log(LAST / FIRST))
-    knot = dr.minimum(mi.UInt32(along), KNOTS - 2)
-    low, high = (dr.gather(mi.Float, values, knot + i) for i in (0, 1))
-    return low + (along - mi.Float(knot)) * (high - low)
+    share = dr.log(dr.maximum(depth, FIRST) / FIRST) / np.log(LAST / FIRST)
+    return values.eval((share * (KNOTS - 1) + 0.5) / KNOTS)[0]
