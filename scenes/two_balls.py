@@ -30,9 +30,17 @@ class TwoBalls(SunlitCloud):
     sun_angle  0 behind the camera, 90 overhead, 180 behind the cloud.
 
     A parallel camera looks along +y and sees one bulge at each side. The crease is where the right ball goes
-    out of sight behind the left one. Mitsuba lifts rays off a surface that they leave by about 1e-4 m: within
-    1.4 cm of where the balls touch, 2e-4 of the face of a ball, a ray may come out of one and be taken to
-    be past the other's surface.
+    out of sight behind the left one, by default at x = 0.134 m. At the height of the middles, by walks,
+
+        sun_angle                           0       45      90
+        crease, x = 0.12, over bulge        0.81    0.93    1.30    +- 0.03
+        free limb, x = -1.83, over bulge    0.37    0.41    0.62    +- 0.02
+
+    of the radiance in front of the left ball's middle: a crease is at most a fifth darker than a bulge, while
+    a limb with clear air behind it lacks two fifths and more.
+
+    Mitsuba lifts rays off a surface that they leave by about 1e-4 m: within 1.4 cm of where the balls touch,
+    2e-4 of the face of a ball, a ray may come out of one and be taken to be past the other's surface.
     """
 
     gap: Annotated[float, Axis(0, 2, unit="m")] = 0.0

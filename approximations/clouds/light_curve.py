@@ -70,14 +70,13 @@ from approximations.contract import (
     Domain,
     technique,
 )
-from approximations.kit import cloud_march
 from approximations.kit.cloud_march import light_depth
 from approximations.kit.phase import henyey_greenstein
 from scenes.cloud import CloudSlab
 from scenes.contract import SOURCE_FUNCTION, Scene, View
 from scenes.cumulus import Cumulus
 
-TABLE = Path(cloud_march.__file__).with_name("light_curves.npz")
+TABLE = Path(__file__).parents[1] / "kit/light_curves.npz"
 PRINTED = (2.0, 2.0, 1.0)  # gain a, inner factor b, extinction scale k
 BROAD = 0.2  # mean cosine of the printed lobe
 LIGHT_STEPS = 64
