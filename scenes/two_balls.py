@@ -33,7 +33,7 @@ class TwoBalls(SunlitCloud):
     out of sight behind the left one, by default at x = 0.134 m. At the height of the middles, by walks,
 
         sun_angle                           0       45      90
-        crease, x = 0.12, over bulge        0.81    0.93    1.30    +- 0.03
+        crease, x = 0.12, over bulge        0.81    0.93    1.30    +- 0.04
         free limb, x = -1.83, over bulge    0.37    0.41    0.62    +- 0.02
 
     of the radiance in front of the left ball's middle: a crease is at most a fifth darker than a bulge, while
