@@ -41,6 +41,7 @@ from approximations.kit.phase import henyey_greenstein
 from scenes.cloud import CloudSlab, CloudSphere
 from scenes.contract import RADIANCE, SINGLE_SCATTERING, SOURCE_FUNCTION, Scene, View
 from scenes.cumulus import Cumulus
+from scenes.two_balls import TwoBalls
 
 ONCE_SCATTERED = {"octaves": 1, "steps": 1024}
 
@@ -77,7 +78,7 @@ def octave_source(
     source="peer: Wrenninge 2015, octaves of scattering; GPU Pro 7, II.4, sec. 4.4",
     estimates=RADIANCE,
     also=(SINGLE_SCATTERING,),
-    on=(CloudSlab, CloudSphere, Cumulus),
+    on=(CloudSlab, CloudSphere, Cumulus, TwoBalls),
     replaces="all orders of scattering in a cloud in sunlight",
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING),
     claims=(
