@@ -1,6 +1,43 @@
 r"""The renderer of volumetric cloudscapes as a whole, with its parts made exact one after another.
 
-GPU Pro 7, chapter II.4, sections 4.4 to 4.6.
+GPU Pro 7, chapter II.4, sections 4.4 to 4.6. One pixel of every block of 4 x 4 is marched and the image
+filled in between (4.6). A view ray takes 128 steps, the chapter's number along the horizon, with two samplers
+and an early end at a transmittance of 0.01 (4.5). Where there is cloud, six samples in a cone and one far out
+give the light depth d towards the sun (4.5.3), and the light that goes to the eye is (4.4.6)
+
+    E_sun albedo f E(d),   E = 2 e^-(d p) (1 - e^(-2 d)),   f Henyey-Greenstein's lobe of g = 0.2
+
+The parts stand in modules of their own: `cloud_light`, `cone_light`, `adaptive_march`, `cloud_compositing`,
+`cloud_reprojection`. Here each has an exact counterpart, so that its share of the error is what goes when it
+is made exact, on a cloud whose density is the very grid that the truth is rendered from. Against all orders
+of scattering, on Cumulus (rmse in means of the truth, raw and after the one gain that fits best):
+
+                                                          bias    rmse    gain   rmse after it
+    R5  as the chapter has it                           - 83 %    1.68     3.3      1.32
+    R4  all pixels marched                              - 83 %    1.68     3.3      1.33
+    R3  and in 256 steps, to a transmittance of 1e-3    - 83 %    1.68     3.3      1.33
+    R2  and 32 samples on the whole way to the sun      - 71 %    1.52     2.6      1.12
+    R1  and Beer's law with the cloud's own lobe        - 96 %    1.92    14        1.39
+
+R1 is light that is scattered once, and is so to 0.6 % of its mean: the march and the way to the sun have
+converged (twice and six times as many samples move R1 by 0.3 % and R2 by 0.4 %). What it lacks of the truth,
+96 % of the light, is scattered more often. The chapter's curve makes up for a quarter of that, and leaves an
+error of shape that no gain mends. The marches hardly matter beside it: the seven samples to the sun cost as
+much as they do since they are 100 m apart, from 25 m they leave - 51 % and 0.85, but miss what stands beyond.
+Against R1's own truth the filled-in image is off by 3.7 %.
+
+In print, and what was done here:
+- "Temporal reprojection" is all that is said of 4.6. With nothing in motion it ends after 16 frames at the
+  full march, which is `reconstruction="exact"`; "quarter" is the image of one frame alone, as where history
+  fails. A block is one pixel of the picture that is judged, 4 x 4 of whose samples are averaged, which is
+  kind; with `block=16` a quarter of the judged resolution is marched, 37 % off R1's truth.
+- How samples are composited is not printed. The default solves the transfer equation; `rule="literal"` takes
+  the words, a sum of densities until it is 1: 2.9 times too bright for having as many steps as that.
+- The cheap sampler of the chapter sees the first texture alone. The grid has one density, so that it is also
+  what is looked for: no read is saved, and no cloud missed that a full sample would have met.
+- The lobe's listing, pi^2 too bright, is in `cloud_light`; here stands the displayed equation.
+- No light of the sky, as in the chapter. Rain is as in `cloud_light`: along the view ray it does nothing, so
+  that with rain "exact" is not R1.
 """
 
 from __future__ import annotations
@@ -63,8 +100,8 @@ def cloudscape(
     reconstruction  one pixel of every block is marched and the image filled in between, or all are.
     march           along the view ray: two samplers in `steps` steps, or 256 steps.
     sun             the light depth: by a cone of six samples and a far one, or by 32 to the cloud's end.
-    lighting        E(d): twice Beer's factor times the powder, Beer's alone, both with the broad lobe; or
-                    "exact" for light that is scattered once, Beer's with the lobe of the cloud.
+    lighting        E(d): twice Beer's factor times the powder, or Beer's alone, both with the broad lobe;
+                    "exact": of light that is scattered once, Beer's with the lobe of the cloud.
     rule            how samples of the adaptive march make a radiance; "literal" as worded, with density 1
                     opaque.
     block           pixels along a side of one of which one is marched.
