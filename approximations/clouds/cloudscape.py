@@ -81,7 +81,7 @@ ONCE_SCATTERED = {"reconstruction": "exact", "march": "exact", "sun": "exact", "
     on=(Cumulus,),
     replaces="all orders of scattering in a cloud in sunlight",
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING, SPATIAL_DETAIL),
-    claims=(LINEAR_IN_LIGHT, exact_when("Cumulus", 0.02, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING)),
+    claims=(LINEAR_IN_LIGHT, exact_when("Cumulus", 0.01, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING)),
 )
 def cloudscape(
     view: View,
