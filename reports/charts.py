@@ -301,14 +301,16 @@ def _free(box: tuple, others: list[tuple], x: LogScale, y: LogScale) -> bool:
 
 
 def ladder_chart(case: dict, records: dict[str, dict], name: str) -> Markup | None:
-    """Error of every rung as a bar; what the stage before took away as a ghost, what it added as an edge."""
+    """Error of every rung as a bar; what the stage before took away as a ghost, what it added as an edge; for
+    radiance a tick at what one gain leaves."""
     if not case["ladder"]:
         return None
     factor, title = error_scale(case["relative"])
     unit = " %" if case["relative"] else ""
     rows, last = [], None
     for i, rung in enumerate(case["ladder"]):
-        e = records[rung["key"]]["errors"]["rmse"]
+        errors = records[rung["key"]]["errors"]
+        e = errors["rmse"]
         value = factor * e["value"]
         change = "" if last is None else f"  ({value - last:+.3g})".replace("-", "\u2212")
         rows.append(
@@ -322,6 +324,7 @@ def ladder_chart(case: dict, records: dict[str, dict], name: str) -> Markup | No
                 "edge": max(value, value if last is None else last, factor * e["high"]),
                 "text": f"{interval_text(e, factor, unit)}{change}",
                 "colour": WORSE if last is not None and value > last else GHOST,
+                "shape": factor * errors["rmse_gain"]["value"] if "rmse_gain" in errors else None,
             }
         )
         last = value
@@ -340,6 +343,9 @@ def ladder_chart(case: dict, records: dict[str, dict], name: str) -> Markup | No
             alt.X("last:Q", scale=scale), Y, x2="value:Q", color=alt.Color("colour:N", scale=None)
         ),
         base.mark_rule(strokeWidth=1.5, color=INK).encode(alt.X("low:Q", scale=scale), Y, x2="high:Q"),
+        base.transform_filter("datum.shape != null")
+        .mark_tick(thickness=2, height=20, color=PAPER)
+        .encode(alt.X("shape:Q", scale=scale), Y),
         base.mark_text(align="left", dx=7, color=INK).encode(alt.X("edge:Q", scale=scale), Y, text="text:N"),
     ).properties(width=380, height=34 * len(rows))
     return svg(chart, name)
