@@ -128,7 +128,7 @@ def cloud_light(
         return light_energy(depth, cloud.precipitation, energy, rain_in)
 
     gathered = view_march(view, steps, source)
-    return mi.Color3f(view.sun.irradiance * cloud.albedo * _lobe(view, phase, g) * gathered)
+    return mi.Color3f(view.sun.irradiance * (cloud.albedo * (_lobe(view, phase, g) * gathered)))
 
 
 @cloud_source.domain

@@ -22,9 +22,11 @@ of scattering, on Cumulus (rmse in means of the truth, raw and after the one gai
 R1 is light that is scattered once, and is so to 0.6 % of its mean: the march and the way to the sun have
 converged (twice and six times as many samples move R1 by 0.3 % and R2 by 0.4 %). What it lacks of the truth,
 96 % of the light, is scattered more often. The chapter's curve makes up for a quarter of that, and leaves an
-error of shape that no gain mends. The marches hardly matter beside it: the seven samples to the sun cost as
-much as they do since they are 100 m apart, from 25 m they leave - 51 % and 0.85, but miss what stands beyond.
-Against R1's own truth the filled-in image is off by 3.7 %.
+error of shape that no gain mends. Seven samples to the sun, 100 m apart in the cone, meet more cloud than the
+way there has; 25 m apart they do better than all of the way, - 51 % and 0.85 after the gain, since to see too
+little cloud makes up for light that the curve lacks. The march of 128 steps owns nothing that can be seen
+beside these, nor does the filled-in image, which takes a seventh of the time (a tenth, says the chapter) and
+is off by 3.7 % where it is held, all else exact, against R1's truth.
 
 In print, and what was done here:
 - "Temporal reprojection" is all that is said of 4.6. With nothing in motion it ends after 16 frames at the
@@ -108,7 +110,7 @@ def cloudscape(
     steps           of the adaptive march.
     cone_step       between samples of the cone, m.
     """
-    small = reconstruction == "quarter"
+    small, block = reconstruction == "quarter", min(block, view.width, view.height)
     camera, width, height = _thinned(view, block) if small else (view.camera, view.width, view.height)
     cloud, light = view.cloud, view.sun
     energy = "beer_powder" if lighting == "beer-powder" else "beer"
@@ -176,10 +178,11 @@ def _whole_depth(view: View, x: mi.Point3f, active: mi.Bool) -> mi.Float:
 
 
 def _thinned(view: View, block: int) -> tuple[Camera, int, int]:
-    """Rays of the pixels in the middle of blocks, one a block, and how many there are across and down."""
-    across, below = -(-view.width // block), -(-view.height // block)
+    """Rays of the pixels in the middle of whole blocks, one a block, and how many there are across and
+    down."""
+    across, below = view.width // block, view.height // block
     at = pixels(across, below) * block + block // 2
-    i = dr.minimum(at.y, view.height - 1) * view.width + dr.minimum(at.x, view.width - 1)
+    i = dr.fma(at.y, view.width, at.x)
     whole = view.camera
 
     def taken(rays):
@@ -190,6 +193,6 @@ def _thinned(view: View, block: int) -> tuple[Camera, int, int]:
 
 
 def _filled(image: mi.Float, width: int, height: int, view: View, block: int) -> mi.Float:
-    """The image in full resolution, bilinear between the pixels that were marched."""
+    """The image in full resolution: bilinear between marched pixels, beyond them the nearest."""
     x = mi.Point2f(pixels(view.width, view.height))
     return fetch(texture(image, width, height, "bilinear"), (x - block // 2) / block)[0]
