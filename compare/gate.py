@@ -160,9 +160,14 @@ def tasks(thresholds: list[Threshold], techniques: list[Technique], seed: int = 
 
 def judge(thresholds: list[Threshold], records: list[dict]) -> list[Verdict]:
     """A verdict for every threshold whose technique the run has on that scene, by its newest record."""
-    present = {(r["technique"], r["scene"]) for r in records}
-    chosen = [t for t in thresholds if (t.technique, t.scene) in present]
-    return [judge_one(t, next((r for r in reversed(records) if t.fits(r)), None)) for t in chosen]
+    newest: dict[tuple, list[dict]] = {}
+    for r in reversed(records):
+        newest.setdefault((r["technique"], r["scene"]), []).append(r)
+    return [
+        judge_one(t, next((r for r in there if t.fits(r)), None))
+        for t in thresholds
+        if (there := newest.get((t.technique, t.scene)))
+    ]
 
 
 def judge_one(threshold: Threshold, record: dict | None) -> Verdict:

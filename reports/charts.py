@@ -42,32 +42,49 @@ CHARACTER = 6.1
 """Width of a character of a label, px."""
 
 
-def svg(chart: alt.Chart | alt.LayerChart, name: str) -> Markup:
-    """The chart as inline SVG with its own ids and the page's colours."""
-    chart = chart.configure(
-        background="transparent",
-        font="sans-serif",
-        view=alt.ViewConfig(stroke=None),
-        axis=alt.AxisConfig(
-            domain=False,
-            ticks=False,
-            gridColor=GRID,
-            labelColor=MUTED,
-            titleColor=MUTED,
-            labelFontSize=11,
-            titleFontSize=11,
-            titleFontWeight="normal",
-            labelPadding=6,
-            titlePadding=8,
-        ),
-        text=alt.MarkConfig(fontSize=11),
-    )
-    drawn = vl_convert.vegalite_to_svg(chart.to_dict(validate=False))
+CONFIG = {
+    "background": "transparent",
+    "font": "sans-serif",
+    "view": {"stroke": None},
+    "axis": {
+        "domain": False,
+        "ticks": False,
+        "gridColor": GRID,
+        "labelColor": MUTED,
+        "titleColor": MUTED,
+        "labelFontSize": 11,
+        "titleFontSize": 11,
+        "titleFontWeight": "normal",
+        "labelPadding": 6,
+        "titlePadding": 8,
+    },
+    "text": {"fontSize": 11},
+}
+
+
+def svg(chart: dict | alt.TopLevelMixin, name: str) -> Markup:
+    """The chart, or its specification, as inline SVG with its own ids and the page's colours."""
+    spec = chart if isinstance(chart, dict) else chart.to_dict(validate=False)
+    drawn = vl_convert.vegalite_to_svg(spec | {"config": CONFIG})
     drawn = re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn, count=2)
     drawn = re.sub(r'(id="|url\(#)(clip|gradient)', rf"\1{name}-\2", drawn)
     for code, colour in COLOURS.items():
         drawn = drawn.replace(f'"{code}"', f'"var(--{colour})"')
     return Markup(drawn)
+
+
+def overlay(layers: list[alt.Chart], width: float, height: float) -> dict:
+    """The specification of one chart with all layers. Altair's own copies each of them many times over."""
+    parts = [layer.to_dict(validate=False) for layer in layers]
+    return {
+        "$schema": parts[0]["$schema"],
+        "width": width,
+        "height": height,
+        "datasets": {k: v for part in parts for k, v in part.get("datasets", {}).items()},
+        "layer": [
+            {k: v for k, v in part.items() if k not in ("$schema", "config", "datasets")} for part in parts
+        ],
+    }
 
 
 class LogScale:
@@ -236,8 +253,7 @@ def cost_chart(case: dict, records: dict[str, dict], name: str) -> tuple[Markup,
                     .mark_text(align=align, baseline="middle", fontWeight="bold" if bold else "normal")
                     .encode(LX, LY, alt.Text("text:N"), color=colour)
                 )
-    chart = alt.layer(*layers).properties(width=width, height=height)
-    return svg(chart, name), knobs
+    return svg(overlay(layers, width, height), name), knobs
 
 
 def several(changed: dict, r: dict) -> str:
@@ -301,14 +317,16 @@ def _free(box: tuple, others: list[tuple], x: LogScale, y: LogScale) -> bool:
 
 
 def ladder_chart(case: dict, records: dict[str, dict], name: str) -> Markup | None:
-    """Error of every rung as a bar; what the stage before took away as a ghost, what it added as an edge."""
+    """Error of every rung as a bar; what the stage before took away as a ghost, what it added as an edge; for
+    radiance a tick at what one gain leaves."""
     if not case["ladder"]:
         return None
     factor, title = error_scale(case["relative"])
     unit = " %" if case["relative"] else ""
     rows, last = [], None
     for i, rung in enumerate(case["ladder"]):
-        e = records[rung["key"]]["errors"]["rmse"]
+        errors = records[rung["key"]]["errors"]
+        e = errors["rmse"]
         value = factor * e["value"]
         change = "" if last is None else f"  ({value - last:+.3g})".replace("-", "\u2212")
         rows.append(
@@ -322,6 +340,7 @@ def ladder_chart(case: dict, records: dict[str, dict], name: str) -> Markup | No
                 "edge": max(value, value if last is None else last, factor * e["high"]),
                 "text": f"{interval_text(e, factor, unit)}{change}",
                 "colour": WORSE if last is not None and value > last else GHOST,
+                "shape": factor * errors["rmse_gain"]["value"] if "rmse_gain" in errors else None,
             }
         )
         last = value
@@ -334,17 +353,20 @@ def ladder_chart(case: dict, records: dict[str, dict], name: str) -> Markup | No
     )
     X = alt.X("value:Q", scale=scale, axis=alt.Axis(title=title, tickCount=5, format=PLAIN))
     base = layer(rows)
-    chart = alt.layer(
+    layers = [
         base.mark_bar(height=20, color=ACCENT).encode(X, Y, alt.Description("text:N")),
         base.mark_bar(height=20, opacity=1).encode(
             alt.X("last:Q", scale=scale), Y, alt.X2("value:Q"), color=alt.Color("colour:N", scale=None)
         ),
         base.mark_rule(strokeWidth=1.5, color=INK).encode(alt.X("low:Q", scale=scale), Y, alt.X2("high:Q")),
+        base.transform_filter("datum.shape != null")
+        .mark_tick(thickness=2, height=20, color=PAPER)
+        .encode(alt.X("shape:Q", scale=scale), Y),
         base.mark_text(align="left", dx=7, color=INK).encode(
             alt.X("edge:Q", scale=scale), Y, alt.Text("text:N")
         ),
-    ).properties(width=380, height=34 * len(rows))
-    return svg(chart, name)
+    ]
+    return svg(overlay(layers, 380, 34 * len(rows)), name)
 
 
 def stress_chart(
@@ -418,7 +440,7 @@ def stress_chart(
         .mark_text(color=WORSE, fontSize=18, fontWeight="bold", baseline="top")
         .encode(X, Y, alt.Text("text:N"), alt.Description("said:N")),
     ]
-    return svg(alt.layer(*layers).properties(width=width, height=height), name)
+    return svg(overlay(layers, width, height), name)
 
 
 def overview_chart(rows: list[dict], relative: bool, name: str) -> Markup | None:
@@ -446,7 +468,7 @@ def overview_chart(rows: list[dict], relative: bool, name: str) -> Markup | None
     X = x.encode(alt.X, "error", title)
     with_tracer = [d for d in drawn if d["tracer"]]
     base = layer(drawn)
-    chart = alt.layer(
+    layers = [
         layer(with_tracer)
         .mark_rule(color=GHOST, strokeWidth=3)
         .encode(x.encode(alt.X, "from", title), Y, alt.X2("to:Q")),
@@ -457,5 +479,5 @@ def overview_chart(rows: list[dict], relative: bool, name: str) -> Markup | None
             X, Y, alt.Description("said:N")
         ),
         base.mark_text(align="right", color=INK, x=-14).encode(Y, alt.Text("named:N")),
-    ).properties(width=860, height=max(24 * len(drawn), 40))
-    return svg(chart, name)
+    ]
+    return svg(overlay(layers, 860, max(24 * len(drawn), 40)), name)

@@ -12,8 +12,9 @@ from scipy.special import expn
 
 from approximations.clouds.cloud_ambient import _e2, cloud_ambient
 from approximations.clouds.cloud_light import cloud_source
-from approximations.clouds.cone_light import EVERY_STEP, _vector, cone_light
+from approximations.clouds.cone_light import EVERY_STEP, cone_light
 from approximations.clouds.scattering_octaves import octave_light, octave_source
+from approximations.kit.cloud_lighting import cone_vector
 from reference.closed_form.cloud_grid import cloud_transmittance, optical_depth, sun_transmittance
 from reference.slab_monte_carlo import phase
 from reference.source_function import in_grid, once_scattered_by_sphere
@@ -166,7 +167,7 @@ def test_samples_stray_as_the_text_says_or_walk_as_the_listing_does():
     scene = Cumulus(sun_elevation=90.0)
     view = scene.probes(2)
     x = np.array(view.camera.origin)[0].reshape(2, 2)
-    n = np.array(_vector(mi.UInt32(np.arange(7) % 6), 6))[0]
+    n = np.array(cone_vector(mi.UInt32(np.arange(7) % 6), 6))[0]
     offsets = 80.0 * np.arange(7) * n
     view = with_extinction(view, lambda p: 1e-5 * (p.x + 2000))
     for path, strayed in (("cone", offsets[:6]), ("printed", np.cumsum(offsets)), ("straight", np.zeros(6))):

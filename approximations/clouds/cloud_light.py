@@ -49,6 +49,7 @@ from approximations.contract import (
     exact_when,
     technique,
 )
+from approximations.kit.cloud_lighting import light_energy
 from approximations.kit.cloud_march import light_depth, view_march
 from approximations.kit.phase import henyey_greenstein
 from scenes.cloud import CloudSlab, CloudSphere
@@ -82,7 +83,9 @@ def cloud_source(
     cloud, its directions run from eye to sample. Knobs as in `cloud_light`."""
     depth = light_depth(view, view.camera.origin, light_steps)
     lobe = _lobe(view, phase, g)
-    return mi.Color3f(view.sun.irradiance * _energy(depth, view.cloud.precipitation, energy, rain_in) * lobe)
+    return mi.Color3f(
+        view.sun.irradiance * light_energy(depth, view.cloud.precipitation, energy, rain_in) * lobe
+    )
 
 
 @technique(
@@ -127,10 +130,10 @@ def cloud_light(
 
     def source(x: mi.Point3f, active: mi.Bool) -> mi.Float:
         depth = light_depth(view, x, light_steps, active)
-        return _energy(depth, cloud.precipitation, energy, rain_in)
+        return light_energy(depth, cloud.precipitation, energy, rain_in)
 
     gathered = view_march(view, steps, source)
-    return mi.Color3f(view.sun.irradiance * cloud.albedo * _lobe(view, phase, g) * gathered)
+    return mi.Color3f(view.sun.irradiance * (cloud.albedo * (_lobe(view, phase, g) * gathered)))
 
 
 @cloud_source.domain
@@ -148,13 +151,6 @@ def domain(scene: Scene) -> Domain:
     if isinstance(scene, CloudSlab | Cumulus) and scene.sun_elevation < 10:
         return Domain(False, "under a low sun the light's way through a layer is many times its thickness")
     return Domain(True)
-
-
-def _energy(d: mi.Float, p: float, energy: str, rain_in: str) -> mi.Float:
-    """E(d) with the rain gain p (4.4.2, 4.4.4, 4.4.5)."""
-    beer = dr.exp(-d * p)
-    powder = 1 - dr.exp(-2 * d * (p if rain_in == "both" else 1))
-    return {"beer": beer, "powder": powder, "beer_powder": 2 * beer * powder}[energy]
 
 
 def _lobe(view: View, phase: str, g: float) -> mi.Float:

@@ -32,7 +32,7 @@ In print, and what was done here:
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 import drjit as dr
 import mitsuba as mi
@@ -46,11 +46,10 @@ from approximations.contract import (
     exact_when,
     technique,
 )
+from approximations.kit.cloud_lighting import At, Far, Path, cone_depth
 from scenes.contract import SUN_TRANSMITTANCE, Scene, View
 from scenes.cumulus import Cumulus
 
-FAR = 3.0  # lengths of the cone at which the far sample stands
-INTERVAL = 4.0  # lengths of the cone that it stands for: from 1 to 5
 EVERY_STEP = {"path": "straight", "samples": 1024, "step": 4.0, "far": "none", "at": "middles"}
 
 
@@ -67,12 +66,12 @@ EVERY_STEP = {"path": "straight", "samples": 1024, "step": 4.0, "far": "none", "
 def cone_light(
     view: View,
     *,
-    path: Literal["cone", "printed", "straight"] = "cone",
+    path: Path = "cone",
     samples: Annotated[int, Sweep(1, 6, 24, low=1, high=4096)] = 6,
     step: Annotated[float, Sweep(25.0, 50.0, 100.0, low=1.0, high=1000.0)] = 100.0,
     spread: Annotated[float, Sweep(0.5, 1.0, low=0.0, high=4.0)] = 1.0,
-    far: Literal["none", "step", "interval"] = "step",
-    at: Literal["ends", "middles"] = "ends",
+    far: Far = "step",
+    at: At = "ends",
 ) -> mi.Float:
     """Share of the sun's light, 0 to 1, that comes unscattered to the probes, the camera's origins.
 
@@ -83,25 +82,8 @@ def cone_light(
     far      what the far sample stands for: nothing (it is not taken), a step, or its own interval.
     at       where in its step a sample stands along the axis.
     """
-    cloud, l, x = view.cloud, view.sun.direction, view.camera.origin
-    turns = samples + 1 if path == "printed" else samples
-    width = 0.0 if path == "straight" else spread * step
-    first = 1.0 if at == "ends" else 0.5
-
-    def march(i, strayed, total):
-        off = width * mi.Float(i) * _vector(i, samples)
-        strayed = strayed + off if path == "printed" else off
-        q = x + (mi.Float(i) + first) * step * l + strayed
-        return i + 1, strayed, total + cloud.extinction(q)
-
-    n = dr.width(x)
-    start = (mi.UInt32(0), dr.zeros(mi.Vector3f, n), dr.zeros(mi.Float, n))
-    _, _, total = dr.while_loop(start, lambda i, strayed, total: i < turns, march)
-    cone = samples * step
-    if far != "none":
-        weight = 1.0 if far == "step" else INTERVAL * samples
-        total += weight * cloud.extinction(x + FAR * cone * l)
-    return dr.exp(-view.cloud.precipitation * step * total)
+    how = {"path": path, "samples": samples, "step": step, "spread": spread, "far": far, "at": at}
+    return dr.exp(-view.cloud.precipitation * cone_depth(view, view.camera.origin, **how))
 
 
 @cone_light.domain
@@ -110,10 +92,3 @@ def domain(scene: Scene) -> Domain:
     if scene.sun_elevation < 10:
         return Domain(False, "under a low sun the way through clouds is many times as long as the cone")
     return Domain(True)
-
-
-def _vector(i: mi.UInt32, samples: int) -> mi.Vector3f:
-    """The i-th of the fixed vectors, in [-1, 1]^3; after the last comes the first again."""
-    a, b = mi.sample_tea_32(i % samples, 0)
-    c, _ = mi.sample_tea_32(i % samples, 1)
-    return mi.Vector3f(*(mi.Float(k >> 8) / (1 << 23) - 1 for k in (a, b, c)))
