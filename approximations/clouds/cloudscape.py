@@ -85,6 +85,7 @@ ONCE_SCATTERED = {"reconstruction": "exact", "march": "exact", "sun": "exact", "
     replaces="all orders of scattering in a cloud in sunlight",
     neglects=(MULTIPLE_SCATTERING, PHASE_FUNCTION, SAMPLING, SPATIAL_DETAIL),
     claims=(LINEAR_IN_LIGHT, exact_when("Cumulus", 0.01, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING)),
+    stress={"Cumulus": ("sun_azimuth", "optical_depth")},
 )
 def cloudscape(
     view: View,
