@@ -84,6 +84,11 @@ class TwoBalls(SunlitCloud):
         left, right = (dr.squared_norm(p - mi.Point3f(c)) <= 1 for c in self.middles())
         return left | right
 
+    def bounds(self) -> tuple[list[float], list[float]]:
+        left, right = self.middles()
+        pairs = list(zip(left, right, strict=True))
+        return [min(p) - 1 for p in pairs], [max(p) + 1 for p in pairs]
+
     def span(self, o: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Float]:
         """Distances (m) between which the ray o + t d, t >= 0, meets cloud, with the clear air between the
         balls; both 0 where it misses."""
