@@ -377,8 +377,8 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     """The reference integrator at a few samples per pixel, as if it were a technique. Its sampler is
     `independent`, which is unbiased at so few.
 
-    The frames that are timed, and the first one, are the independent images that are judged. Work is
-    counted at one sample per pixel and grows with the samples.
+    The first of the frames that are timed, as many as every frame is timed at least, are the independent
+    images that are judged. Work is counted at one sample per pixel and grows with the samples.
     """
     import mitsuba as mi
 
@@ -407,7 +407,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     with turns.timed():
         costs = cost.frame_cost(frame, task.size**2, counted)
     with turns.computing():
-        images = [to_array(image) for image in images]
+        images = [to_array(image) for image in images[: 1 + cost.SLOW_REPEATS]]
         per_image = [metrics.errors(image, truth, quantity, None) for image in images]
     errors = {}
     for name in per_image[0]:

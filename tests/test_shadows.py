@@ -24,7 +24,7 @@ def image(module, name, scene, size=SIZE, **knobs):
     technique = getattr(module, name)
     frame, bake = technique.split(technique.settings(knobs))
     view = scene.view(size)
-    out = np.array(technique(view, technique.bake_function(view, **bake), **frame))
+    out = np.array(technique(view, technique.run_bake(view, bake), **frame))
     return (out[0] if out.ndim == 2 else out).reshape(size, size).astype(float)
 
 
