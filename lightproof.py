@@ -78,9 +78,13 @@ def compare(
     page: Annotated[bool, typer.Option("--report/--no-report", help="write the page as well")] = True,
     as_json: Json = False,
 ) -> None:
-    """Measure techniques against the truth; run again to resume. Prints a table and writes the page."""
+    """Measure techniques against the truth; run again to resume. Prints a table and writes the page.
+
+    Without names or a theme the quick profile leaves out settings that no threshold watches, but for one of a
+    knob, and all but three points of a stressed axis.
+    """
     from compare import run
-    from compare.selection import pairs, path_tracer_tasks, select, technique_tasks
+    from compare.selection import pairs, path_tracer_tasks, select, technique_tasks, thinned
     from compare.summary import overview
     from compare.task import PROFILES
     from reference.store import ENOUGH
@@ -105,6 +109,8 @@ def compare(
             demand=demand,
         )
     narrowed = fields or knobs or size or only or seed != 1 or demand != ENOUGH
+    if profile == "quick" and not (names or theme or scene or narrowed):
+        tasks = thinned(tasks)
     folder = folder or Path("runs") / (f"{profile}-asked" if narrowed else profile)
     run.open_run(folder, {"profile": profile, "variant": variant, "command": command_line()})
     with progress() as bar:

@@ -25,7 +25,7 @@ from reference.spectral import load_rgb
 from reference.truth import Truth
 from scenes.contract import RADIANCE, Quantity, Scene, all_scenes
 
-FRAMES, MOST_FRAMES = 8, 256
+FRAMES, MOST_FRAMES = 4, 256
 """Independent frames behind an image, even numbers."""
 SAMPLER = "independent"
 """At few samples a pixel `multijitter` is biased, since its permutations of few strata are not independent:

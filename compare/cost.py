@@ -8,6 +8,7 @@ turn, since the static operation count sees a loop's body once whatever its trip
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -18,9 +19,9 @@ import mitsuba as mi
 
 from compare.statistics import median
 
-REPEATS = 10
-SLOW_MS, SLOW_REPEATS = 20.0, 3
-"""A frame that takes longer than this, as the path tracer's do, is timed fewer times."""
+REPEATS, LEAST_REPEATS = 10, 3
+PATIENCE = 0.3
+"""Seconds after which a frame is timed no more often than LEAST_REPEATS, as the path tracer's are."""
 CALIBRATION_SIZE = 1 << 18
 RAY = re.compile(r"call void %\w+\(ptr %\w+, ptr %\w+, ptr %\w+, ptr|_optix_trace|optix\.ptx\.trace")
 VECTOR_ACCESS = re.compile(
@@ -79,10 +80,10 @@ def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = Non
     with recording():
         run(calibration)
         first = run(frame)
-        repeats = REPEATS if milliseconds(first) < SLOW_MS else SLOW_REPEATS
         dr.detail.malloc_clear_statistics()
         frames, controls = [], []
-        for _ in range(repeats):
+        until = time.perf_counter() + PATIENCE
+        while len(frames) < LEAST_REPEATS or (len(frames) < REPEATS and time.perf_counter() < until):
             controls.append(milliseconds(run(calibration)))
             frames.append(milliseconds(run(frame)))
         peak = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
@@ -90,7 +91,7 @@ def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = Non
         "frame_ms": median(frames).plain(),
         "calibration_ms": median(controls).plain(),
         "frame_over_calibration": median([f / c for f, c in zip(frames, controls, strict=True)]).plain(),
-        "repeats": repeats,
+        "repeats": len(frames),
         "compile_ms": sum(k.get("codegen_time", 0) + k.get("backend_time", 0) for k in first),
         "compiled_before": all(k.get("cache_hit", 1) for k in first),
         "peak_bytes": int(peak),

@@ -407,7 +407,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     with turns.timed():
         costs = cost.frame_cost(frame, task.size**2, counted)
     with turns.computing():
-        images = [to_array(image) for image in images[: 1 + cost.SLOW_REPEATS]]
+        images = [to_array(image) for image in images[: 1 + cost.LEAST_REPEATS]]
         per_image = [metrics.errors(image, truth, quantity, None) for image in images]
     errors = {}
     for name in per_image[0]:

@@ -34,6 +34,24 @@ def technique_tasks(techniques: list[Technique], profile: str, seed: int = 1, **
     return tasks
 
 
+def thinned(tasks: list[Task]) -> list[Task]:
+    """A quick look at everything: what a threshold, a table or a ladder needs; else one setting of a knob of
+    which none is watched by a threshold, and the ends and the middle of a stressed axis."""
+    asked: dict[tuple, list[Task]] = {}
+    for task in tasks:
+        for role in task.roles:
+            asked.setdefault((task.technique, task.scene, role), []).append(task)
+    kept = {id(t) for t in tasks if any(not role.startswith(("knob:", "stress:")) for role in t.roles)}
+    for (_, _, role), there in asked.items():
+        if role.startswith("stress:"):
+            field = role.removeprefix("stress:")
+            there = sorted(there, key=lambda t: t.make_scene().fields()[field])
+            kept |= {id(there[0]), id(there[len(there) // 2]), id(there[-1])}
+        elif not any(id(t) in kept for t in there):
+            kept.add(id(there[-1]))
+    return [t for t in tasks if id(t) in kept]
+
+
 def path_tracer_tasks(
     scene: str | None, fields: dict, knobs: dict, profile: str, size: int | None, seed: int, demand: Demand
 ) -> list[Task]:

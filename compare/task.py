@@ -50,7 +50,7 @@ class Profile:
 PROFILES = {
     p.name: p
     for p in (
-        Profile("quick", 128, 64, 5, (1, 4), (1, 4), 120, 128, False),
+        Profile("quick", 128, 64, 5, (1, 4), (1, 2), 120, 128, False),
         Profile("full", 512, 128, 9, (1, 2, 4, 8, 16, 32, 64, 128), (1, 2, 4, 8, 16, 32), 1800, 1024, True),
     )
 }
