@@ -29,6 +29,7 @@ ALIKE = {
     "spherical_shell.py: -1e-6": "no ray is that near the level",
     "spherical_shell.py: b + dr.copysign(dr.safe_sqrt(square), b)": "the same roots, off by a metre or two",
     "spherical_shell.py: o + (start + (i + 0.5) * h) * d": "sheets stand alike before and behind the eye",
+    "diffusion_cloud.py: x + grid.cell * c": "the places about a middle lie on both sides alike",
     "cloud_model.py: 2 ** STORAGE[storage] - 1": "257 steps are as coarse as 255; a test counts them",
     "cloud_model.py: -1": "the last of two axes",
     "cloud_model.py: mi.Float(i % size) + 0.5": "wisps move by one of 128 texels, less than bounds tell",

@@ -34,6 +34,7 @@ half too bright at 3, and nothing is right under a sun so low that the beam stay
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -200,16 +201,14 @@ def _rainy(view: View) -> View:
 def _grid(bounds: tuple, resolution: int) -> tuple[Grid, tuple[int, ...]]:
     """Cubic cells over the bounds, one where they do not end; the array's axes along which they do."""
     low, high = (np.array(b, dtype=float) for b in bounds)
-    ends = np.isfinite(high - low)
+    ends = np.isfinite(low) & np.isfinite(high)
     cell = float((high - low)[ends].max()) / resolution
-    counts = [math.ceil(d / cell - 1e-6) if e else 1 for d, e in zip(high - low, ends, strict=True)]
-    corner = tuple(float(x) if e else -cell / 2 for x, e in zip(low, ends, strict=True))
+    counts = [math.ceil(round(d / cell, 6)) if e else 1 for d, e in zip(high - low, ends, strict=True)]
+    corner = tuple(float(x) if e else 0.0 for x, e in zip(low, ends, strict=True))
     return Grid(corner, cell, tuple(counts[::-1])), tuple(2 - int(i) for i in np.flatnonzero(ends))
 
 
 def _corners(axes: tuple[int, ...]) -> list[mi.Vector3f]:
     """Places about the middle of a cell, in cells, a quarter off it along the axes given."""
-    places = [(0.0, 0.0, 0.0)]
-    for a in axes:
-        places = [p[: 2 - a] + (s,) + p[3 - a :] for p in places for s in (-0.25, 0.25)]
-    return [mi.Vector3f(*p) for p in places]
+    steps = [(-0.25, 0.25) if a in axes else (0.0,) for a in (2, 1, 0)]
+    return [mi.Vector3f(*step) for step in itertools.product(*steps)]

@@ -130,7 +130,7 @@ def lit_cirrus(
     lit = 1 - dr.exp(-a * depth)
     if sun == "exact":
         apart = dr.abs(a - 1 / l.z) * depth
-        mean = dr.select(apart > 1e-3, (1 - dr.exp(-apart)) / apart, 1 - apart / 2)
+        mean = dr.select(apart > 1e-3, (1 - dr.exp(-apart)) / apart, 1)
         lit = a * depth * dr.exp(-dr.minimum(a, 1 / l.z) * depth) * mean
     lobe = henyey_greenstein(dr.dot(d, l), view.cloud.g if phase == "exact" else BROAD)
     return mi.Color3f(view.sun.irradiance * view.cloud.albedo * lobe * lit)

@@ -70,7 +70,7 @@ def _integrate(values, shape, o, w, near, far):
     """int of the grid along o + t w, in units where voxels' middles are the whole numbers, between near and
     far; each loop turn adds what lies before the next plane."""
     wide = type(near)
-    step = [dr.select(d == 0, dr.inf, dr.rcp(dr.abs(d))) for d in w]
+    step = [dr.select(d == 0, dr.inf, 1 / dr.abs(d)) for d in w]
     start = [a + near * d for a, d in zip(o, w, strict=True)]
     ahead = [dr.select(d > 0, dr.floor(s) + 1 - s, s - dr.ceil(s) + 1) for s, d in zip(start, w, strict=True)]
     planes = [dr.select(d == 0, dr.inf, near + a * s) for a, s, d in zip(ahead, step, w, strict=True)]

@@ -36,7 +36,7 @@ def scattered_depth(scene: ScatteredClouds, size: int) -> np.ndarray:
     d = [wide(np.ascontiguousarray(c)) for c in w.reshape(-1, 3).T]
     near, far = -start[2] / d[2], (scene.layers - start[2]) / d[2]
     clouds = wide(table().astype(np.float64).ravel())
-    step = [dr.select(c == 0, dr.inf, dr.rcp(dr.abs(c))) for c in d]
+    step = [dr.select(c == 0, dr.inf, 1 / dr.abs(c)) for c in d]
     entry = [a + near * c for a, c in zip(start[:2], d[:2], strict=True)]
     ahead = [
         dr.select(c > 0, dr.floor(e) + 1 - e, e - dr.floor(e)) for e, c in zip(entry, d[:2], strict=True)
