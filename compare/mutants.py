@@ -131,7 +131,7 @@ def load_twin(technique: Technique, mutant: Mutant) -> dict[str, Technique]:
             _load(f"twin_of_{file.stem}", mutated_source(mutant))
         else:
             flipped = next(m for m, v in sys.modules.items() if getattr(v, "__file__", None) == mutant.file)
-            twins = {flipped: _load(f"twin_of_{Path(mutant.file).stem}", mutated_source(mutant))}
+            twins = {flipped: _load(f"twin_of_kit_{Path(mutant.file).stem}", mutated_source(mutant))}
             _twin(technique.function.__module__, twins)
         return dict(TECHNIQUES)
     finally:
@@ -148,11 +148,12 @@ def _twin(module: str, twins: dict[str, types.ModuleType]) -> types.ModuleType:
     original = sys.modules[module]
     if all(part is sys.modules[name] for name, part in parts.items()) and module.startswith(KIT):
         return original
-    copy = _load(f"twin_of_{Path(original.__file__).stem}", ast.parse(Path(original.__file__).read_text()))
+    copy = _load(f"twin_of_{module.replace('.', '_')}", ast.parse(Path(original.__file__).read_text()))
     for key, value in list(vars(copy).items()):
         part = parts.get(getattr(value, "__module__", None) or "")
-        if part is not None and hasattr(part, key):
-            setattr(copy, key, getattr(part, key))
+        name = getattr(value, "__name__", key)
+        if part is not None and hasattr(part, name):
+            setattr(copy, key, getattr(part, name))
     twins[module] = copy
     return copy
 
