@@ -152,7 +152,7 @@ def test_noise_is_that_of_trees_and_lists():
 
 @pytest.fixture(scope="module")
 def textures():
-    return density_bake(DensitySection().probes(8), resolution=64)
+    return density_bake(resolution=64)
 
 
 def section(textures, fields=None, **knobs):
