@@ -129,6 +129,26 @@ def test_a_cloud_hides_the_more_the_deeper_it_is_and_nothing_in_the_corners():
     assert thick.min() < 0.02
 
 
+@pytest.mark.parametrize("fields", [{}, {"optical_depth": 0.1}, {"seen": "below"}, {"seen": "within"}])
+def test_probes_stand_in_the_cloud_on_rays_of_the_camera(fields):
+    """Half of the light that a ray loses is lost by its probe, or within one and a half steps behind it."""
+    made = Cumulus(**fields)
+    probes, extinction = made.probes(16), made.extinction()
+    p, w = probes.camera.origin, probes.camera.direction
+    assert np.array(extinction(p)).min() > 0
+    x, d = (np.array(a, dtype=np.float64).T for a in (p, w))
+    eye = np.broadcast_to(made.eye()[0], x.shape)
+    assert np.allclose(np.cross(x - eye, d), 0, atol=1e-2)
+    whole = optical_depth(made, eye, d)
+    near, far = (np.array(t, dtype=np.float64) for t in made.span(mi.Point3f(*made.eye()[0]), w))
+    step = (far - near)[:, None] / made.PROBE_STEPS
+    before, behind = (
+        (1 - np.exp(optical_depth(made, q, d) - whole)) / (1 - np.exp(-whole))
+        for q in (x, x + 1.5 * step * d)
+    )
+    assert (before < 0.52).all() and (behind > 0.49).all()
+
+
 def test_where_all_comes_from_all_sides_alike_a_cloud_is_not_seen():
     """Radiance 1 from everywhere and no absorption: 1 everywhere."""
     s = in_grid(Even(optical_depth=1.0, lit_by="sky", g=0.5), 4, 1024, 2)

@@ -1,5 +1,6 @@
 """Truths on disk: whole or not at all, never another question's, never damaged ones."""
 
+import importlib
 import multiprocessing
 import os
 
@@ -254,3 +255,33 @@ def test_a_closed_form_is_worked_out_once_by_all_who_share_a_folder(tmp_path, mo
     other = truths.evaluate_closed_form(Valley(light_elevation=60.0), DIRECT_RADIANCE, 8)
     assert len(calls) == 2
     assert not np.array_equal(other.mean, plain.mean)
+
+
+SAMPLER = """
+SHARE = {share}
+
+
+def sampled(scene):
+    return _drawn(scene) * SHARE
+
+
+def _drawn(scene):
+    return {drawn}
+
+
+def _beside(scene):
+    return {beside}
+"""
+
+
+def test_a_key_changes_with_what_the_sampler_names_and_not_with_what_stands_beside(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def code(name, share=1.0, drawn=1, beside=1):
+        (tmp_path / f"{name}.py").write_text(SAMPLER.format(share=share, drawn=drawn, beside=beside))
+        return store.code_of(importlib.import_module(name).sampled)
+
+    plain = code("plain_sampler")
+    assert code("other_beside", beside=2) == plain
+    assert code("other_helper", drawn=2) != plain
+    assert code("other_constant", share=2.0) != plain
