@@ -512,7 +512,7 @@ def test_an_interrupted_run_says_how_to_go_on(place):
         time.sleep(0.005)
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=60)
-    assert child.returncode == 4
+    assert child.returncode == 4, said
     assert said.splitlines()[-1] == "lightproof: interrupted; run the same command again to resume"
     assert "Traceback" not in said and run.records(place / "interrupted")
 
