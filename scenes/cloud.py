@@ -36,7 +36,7 @@ SUN_IRRADIANCE = 1.0  # W/m^2 on a surface that faces the sun
 class SunlitCloud(Scene):
     """What layer and ball share. Subclasses give the shape, the way to the sun and the camera."""
 
-    optical_depth: Annotated[float, Axis(1, 64, log=True)] = 16.0
+    optical_depth: Annotated[float, Axis(0.1, 200, log=True)] = 16.0
     albedo: Annotated[float, Axis(0.9, 1)] = 1.0
     g: Annotated[float, Axis(-0.5, 0.95)] = 0.85
     precipitation: Annotated[float, Axis(1, 9)] = 1.0
@@ -124,7 +124,7 @@ class CloudSlab(SunlitCloud):
     meet on its diagonal: 3 in a million through the origin.
     """
 
-    optical_depth: Annotated[float, Axis(1, 64, log=True)] = 32.0
+    optical_depth: Annotated[float, Axis(0.1, 200, log=True)] = 32.0
     sun_elevation: Annotated[float, Axis(2, 90, unit="deg")] = 60.0
     seen: Literal["above", "below"] = "above"
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import drjit as dr
 import mitsuba as mi
@@ -39,20 +39,20 @@ class CloudShell(Scene):
     """Cloud between 1.5 and 5 km above a round ground that hides what lies behind it.
 
     Its extinction is sigma (1 + rolls cos(2 pi x / wavelength)): upright sheets that the camera looks across,
-    whose mean is sigma = optical_depth / 3500 m. The middle of the image stands at `elevation`; at 12 degrees
-    its bottom edge is level. seen: from 2 m, from 3 km within the cloud, from 9 km looking downwards.
+    whose mean is sigma = optical_depth / 3500 m. The camera stands at `height` over the ground; the middle of
+    the image is at `elevation`, at 12 degrees with its bottom edge level, and as far downwards from above the
+    cloud.
     """
 
     optical_depth: Annotated[float, Axis(0.02, 2, log=True)] = 0.05  # of the mean, straight up
-    elevation: Annotated[float, Axis(2, 78, unit="deg")] = 12.0
+    height: Annotated[float, Axis(2, 9000, unit="m")] = 2.0
+    elevation: Annotated[float, Axis(0, 78, unit="deg")] = 12.0
     rolls: Annotated[float, Axis(0, 1)] = 1.0
     wavelength: Annotated[float, Axis(300, 20000, log=True, unit="m")] = 600.0
-    seen: Literal["ground", "inside", "above"] = "ground"
 
     RADIUS = 6371e3  # m
     BOTTOM = 1500.0  # m
     TOP = 5000.0  # m
-    EYE = {"ground": 2.0, "inside": 3000.0, "above": 9000.0}  # m
     FIELD_OF_VIEW = 24.0  # deg
     REACH = 5e5  # m from the camera that Mitsuba's grid of sheets covers
 
@@ -63,10 +63,9 @@ class CloudShell(Scene):
 
     def eye(self) -> tuple[list[float], list[float]]:
         """Where the camera stands and a point 10 km on that it looks at, m."""
-        height = self.EYE[self.seen]
-        side = -1 if self.seen == "above" else 1
+        side = -1 if self.height > self.TOP else 1
         x, y, z = direction(side * self.elevation)
-        return [0.0, 0.0, height], [1e4 * x, 1e4 * y, height + 1e4 * z]
+        return [0.0, 0.0, self.height], [1e4 * x, 1e4 * y, self.height + 1e4 * z]
 
     def sensor(self, size: int) -> dict:
         """The camera."""
@@ -110,7 +109,7 @@ class CloudShell(Scene):
         held, null = {"type": "ref", "id": "medium"}, {"type": "null"}
         target = [KM * x for x in self.eye()[0]], [KM * x for x in self.eye()[1]]
         sensor = perspective(*target, self.FIELD_OF_VIEW, size, near_clip=1e-4)
-        if self.seen == "inside":
+        if self.BOTTOM < self.height < self.TOP:
             sensor["medium"] = held
         return {
             "type": "scene",

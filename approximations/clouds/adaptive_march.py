@@ -72,7 +72,7 @@ def adaptive_march(
     *,
     sampler: Literal["cheap and full", "exact"] = "cheap and full",
     turns: Literal["steps", "exact"] = "steps",
-    steps: Annotated[int, Sweep(64, 128, low=1, high=8192)] = 64,
+    steps: Annotated[int, Sweep(8, 64, 128, low=1, high=8192)] = 64,
     zeros: Annotated[int, Sweep(1, 6, 12, low=1, high=64)] = 6,
     counting: Literal["in a row", "printed"] = "in a row",
     search: Literal["every step", "every fourth", "every fourth, step back"] = "every step",

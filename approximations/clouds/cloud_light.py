@@ -104,6 +104,7 @@ def cloud_source(
     stress={
         "CloudSphere": ("sun_angle", "optical_depth", "precipitation"),
         "CloudSlab": ("optical_depth", "sun_elevation"),
+        "TwoBalls": ("sun_angle",),
     },
 )
 def cloud_light(

@@ -86,7 +86,7 @@ def octave_source(
         exact_when("CloudSlab", 0.002, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
         exact_when("CloudSphere", 0.002, knobs=ONCE_SCATTERED, quantity=SINGLE_SCATTERING),
     ),
-    stress={"CloudSphere": ("sun_angle", "optical_depth")},
+    stress={"CloudSphere": ("sun_angle", "optical_depth"), "TwoBalls": ("sun_angle",)},
     baseline=True,
 )
 def octave_light(

@@ -55,7 +55,7 @@ EXACT = {"intersection": "exact", "segments": "exact", "march": "exact"}
     replaces="the optical depth of cloud along a ray round the Earth",
     neglects=(SAMPLING, NUMBER_FORMAT),
     claims=(at_most(1.0), exact_when("CloudShell", 0.002, knobs=EXACT)),
-    stress={"CloudShell": ("elevation", "wavelength")},
+    stress={"CloudShell": ("height", "elevation", "wavelength")},
 )
 def spherical_shell(
     view: View,
@@ -65,7 +65,7 @@ def spherical_shell(
     segments: Literal["first", "exact"] = "first",
     march: Literal["steps", "exact"] = "steps",
     zenith_steps: Annotated[int, Sweep(16, 64, low=1, high=4096)] = 64,
-    horizon_steps: Annotated[int, Sweep(32, 128, low=1, high=4096)] = 128,
+    horizon_steps: Annotated[int, Sweep(8, 32, 128, 1000, low=1, high=4096)] = 128,
 ) -> mi.Color3f:
     """Transmittance (0 to 1) of the cloud before the ground or the sky, one value per pixel.
 
@@ -91,7 +91,7 @@ def spherical_shell(
 @spherical_shell.domain
 def domain(scene: Scene) -> Domain:
     """Cloud overhead, seen from the ground (4.5.1)."""
-    if scene.seen != "ground":
+    if scene.height > scene.BOTTOM:
         return Domain(False, "start and stop of the march are those of a ray from the ground")
     return Domain(True)
 

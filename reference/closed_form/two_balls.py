@@ -27,7 +27,7 @@ from scenes.cloud import SUN_IRRADIANCE
 from scenes.contract import SINGLE_SCATTERING
 from scenes.two_balls import TwoBalls
 
-PANELS, NODES = 12, 8  # of the Gauss rule on each piece of a chord
+PANELS, NODES = 12, 8  # of the Gauss rule on each piece of a chord, up to an optical depth of 64
 
 
 @closed_form(TwoBalls, SINGLE_SCATTERING)

@@ -31,8 +31,8 @@ def shell_against_points(seed: int) -> list[Comparison]:
     cases = (
         CloudShell(elevation=2.0, wavelength=20000.0),
         CloudShell(elevation=40.0, rolls=0.0),
-        CloudShell(seen="inside", elevation=2.0, wavelength=20000.0),
-        CloudShell(seen="above", elevation=4.0, wavelength=20000.0),
+        CloudShell(height=3000.0, elevation=2.0, wavelength=20000.0),
+        CloudShell(height=9000.0, elevation=4.0, wavelength=20000.0),
     )
     return [
         Comparison(
