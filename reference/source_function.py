@@ -26,7 +26,7 @@ from scenes.contract import SINGLE_SCATTERING, SOURCE_FUNCTION, View
 from scenes.cumulus import Cumulus, GridCloud
 
 LANES = 1 << 20  # paths in flight at once
-PANELS, NODES = 12, 8  # of the Gauss rule along a chord, up to an optical depth of 64 and in proportion beyond
+PANELS, NODES = 12, 8  # of the Gauss rule along a chord; more beyond an optical depth of 64
 
 
 @sampler(CloudSlab, SOURCE_FUNCTION)
