@@ -16,7 +16,6 @@ import mitsuba as mi
 import numpy as np
 
 from approximations.contract import SPECTRUM, Sweep, Technique
-from compare import cost
 from compare.stochastic import frame_seeds
 from reference.colour import Extinction
 from reference.moments import from_batches, join
@@ -77,27 +76,21 @@ def declared() -> Rendering:
     )
 
 
-def sampled(
-    scene: Scene,
-    quantity: Quantity,
-    size: int,
-    settings: dict[str, Any],
-    seed: int,
-    noise: float = math.inf,
-    timed: bool = True,
-) -> tuple[Truth, dict | None]:
-    """The mean of FRAMES frames, or of as many as the pixel noise takes, with its variance; the cost of one.
-    Its work is not counted: paths that have ended would be counted until the longest ends."""
+def frames(
+    scene: Scene, quantity: Quantity, size: int, settings: dict[str, Any], seed: int
+) -> Callable[[], Any]:
+    """() -> the next frame, each with noise of its own."""
     draw, seeds = rgb_rendering(scene, quantity, size, **settings), frame_seeds(seed)
+    return lambda: draw(next(seeds))
 
-    def frame() -> Any:
-        return draw(next(seeds))
+
+def sampled(frame: Callable[[], Any], noise: float = math.inf) -> Truth:
+    """The mean of FRAMES frames, or of as many as the pixel noise takes, with its variance."""
 
     def batches() -> Truth:
         return from_batches(np.stack([to_array(frame()) for _ in range(FRAMES)]))
 
-    costs = {"bake_ms": None, **cost.frame_cost(frame, size**2, cost.NOT_COUNTED)} if timed else None
     estimate = batches()
     while estimate.pixel_noise > noise and estimate.batches < MOST_FRAMES:
         estimate = join(estimate, batches())
-    return estimate, costs
+    return estimate

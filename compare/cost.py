@@ -20,8 +20,8 @@ import mitsuba as mi
 from compare.statistics import median
 
 REPEATS, LEAST_REPEATS = 10, 3
-PATIENCE = 0.3
-"""Seconds after which a frame is timed no more often than LEAST_REPEATS, as the path tracer's are."""
+PATIENCE = 1 / 1200
+"""Share of a task's time after which a frame is timed no more often than LEAST_REPEATS."""
 CALIBRATION_SIZE = 1 << 18
 RAY = re.compile(r"call void %\w+\(ptr %\w+, ptr %\w+, ptr %\w+, ptr|_optix_trace|optix\.ptx\.trace")
 VECTOR_ACCESS = re.compile(
@@ -70,9 +70,12 @@ def calibration() -> Any:
     return x
 
 
-def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = None) -> dict:
+def frame_cost(
+    frame: Callable[[], Any], pixels: int, counted: dict | None = None, patience: float = 0.1
+) -> dict:
     """What a frame costs. frame: lazily builds the image; its inputs are evaluated already. counted: its
-    work, where that is known from elsewhere.
+    work, where that is known from elsewhere. patience: seconds after which it is timed no more often than
+    LEAST_REPEATS.
 
     Returns frame_ms, calibration_ms and frame_over_calibration with intervals, compile_ms (of the first
     call, near 0 where compiled_before), operations, rays and bytes, and peak_bytes.
@@ -82,7 +85,7 @@ def frame_cost(frame: Callable[[], Any], pixels: int, counted: dict | None = Non
         first = run(frame)
         dr.detail.malloc_clear_statistics()
         frames, controls = [], []
-        until = time.perf_counter() + PATIENCE
+        until = time.perf_counter() + patience
         while len(frames) < LEAST_REPEATS or (len(frames) < REPEATS and time.perf_counter() < until):
             controls.append(milliseconds(run(calibration)))
             frames.append(milliseconds(run(frame)))

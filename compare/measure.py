@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +30,8 @@ NARROW = 0.1
 NEGLIGIBLE = 1e-3
 SETTLED = {"default", "threshold"}
 """Roles whose figures are shown or judged."""
+BAKES = 4
+"""How many results of offline stages are kept."""
 
 
 def measure(task: Task, folder: Path) -> list[dict]:
@@ -43,12 +46,15 @@ def measure(task: Task, folder: Path) -> list[dict]:
     quantity = technique.estimates
     shown = "default" in task.roles
     if task.technique == RGB_RENDERING:
-        from compare.colour import SHOWN_NOISE, sampled
+        from compare.colour import SHOWN_NOISE, frames, sampled
 
-        noise = SHOWN_NOISE if SETTLED & set(task.roles) else math.inf
-        timed = wants_costs(task)
-        with turns.timed() if timed else turns.computing():
-            estimate, costs = sampled(scene, quantity, task.size, task.knobs, task.seed, noise, timed)
+        with turns.computing():
+            frame, costs = frames(scene, quantity, task.size, task.knobs, task.seed), None
+        if wants_costs(task):
+            with turns.timed():
+                costs = plain_cost(frame, task, cost.NOT_COUNTED)
+        with turns.computing():
+            estimate = sampled(frame, SHOWN_NOISE if SETTLED & set(task.roles) else math.inf)
         image = estimate.mean
     else:
         costs = technique_cost(technique, scene, quantity, task) if wants_costs(task) else None
@@ -208,8 +214,8 @@ def bake_key(technique: Technique, scene: Scene, size: int, settings: dict) -> t
 
 
 def keep_bake(key: tuple, result: Any) -> None:
-    """The last two bakes are kept."""
-    while len(_BAKED) >= 2:
+    """The last bakes are kept."""
+    while len(_BAKED) >= BAKES:
         _BAKED.pop(next(iter(_BAKED)))
     _BAKED[key] = result
 
@@ -237,6 +243,12 @@ def as_image(out: Any, size: int, name: str) -> np.ndarray:
     return array.T.reshape(size, size, -1)
 
 
+def plain_cost(frame: Callable[[], Any], task: Task, counted: dict) -> dict:
+    """Cost of a frame without a bake, whose work is known from elsewhere: a path that has ended would be
+    counted until the longest ends."""
+    return cost.frame_cost(frame, task.size**2, counted, cost.PATIENCE * task.seconds) | {"bake_ms": None}
+
+
 def technique_cost(technique: Technique, scene: Scene, quantity: Quantity, task: Task) -> dict:
     """Frame cost at one sample a pixel, its work only where the task wants it counted; the bake apart, with
     its own time and bytes."""
@@ -248,7 +260,12 @@ def technique_cost(technique: Technique, scene: Scene, quantity: Quantity, task:
         if technique.bake_function is not None:
             result, bake_ms = timed_bake(technique.name, scene, task.size, tuple(sorted(bake.items())))
             extra = (result,)
-        costs = cost.frame_cost(lambda: technique(view, *extra, **frame), task.size**2, cost.NOT_COUNTED)
+        costs = cost.frame_cost(
+            lambda: technique(view, *extra, **frame),
+            task.size**2,
+            cost.NOT_COUNTED,
+            cost.PATIENCE * task.seconds,
+        )
     if not task.counted:
         return {"bake_ms": bake_ms} | costs
     with turns.computing():
@@ -256,7 +273,7 @@ def technique_cost(technique: Technique, scene: Scene, quantity: Quantity, task:
     return {"bake_ms": bake_ms} | costs | cost.per_pixel(counted, task.size**2)
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=BAKES)
 def timed_bake(name: str, scene: Scene, size: int, settings: tuple) -> tuple[Any, float]:
     """The result of the offline stage for a frame of that size, and its kernels' time in ms."""
     import drjit as dr
@@ -405,7 +422,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
         counted = path_tracer_work(scene, quantity, task.size)
     counted = {k: None if v is None else v * spp for k, v in counted.items()}
     with turns.timed():
-        costs = cost.frame_cost(frame, task.size**2, counted)
+        costs = plain_cost(frame, task, counted)
     with turns.computing():
         images = [to_array(image) for image in images[: 1 + cost.LEAST_REPEATS]]
         per_image = [metrics.errors(image, truth, quantity, None) for image in images]
@@ -428,7 +445,7 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
         "ladder": {"exact": [], "of": []},
         "domain": None,
         "truth": about,
-        "costs": costs | {"bake_ms": None},
+        "costs": costs,
         "findings": [f for f in metrics.flaws(images[0]) if not (scene.spectral and f["kind"] == "negative")],
         "errors": errors,
         "images": {

@@ -22,7 +22,7 @@ from pathlib import Path
 from pebble import ProcessExpired, ProcessFuture, ProcessPool
 
 from compare import worker
-from compare.task import PATH_TRACER, Task, wants_costs
+from compare.task import PATH_TRACER, Task, in_order, wants_costs
 from reference.store import CannotWrite, sweep
 from reference.truth import has_closed_form
 from scenes.contract import QUANTITIES, BadInput, find_scene
@@ -172,7 +172,7 @@ def execute(
                             f"{answer['resolution']:.3g}, not {question[4].resolution:g}: {answer['demand']}"
                         )
             asked: deque[tuple[Task, ProcessFuture]] = deque()
-            waiting = deque(missing)
+            waiting = deque(in_order(missing))
             for i in range(len(missing)):
                 while waiting and len(asked) < WORKERS:
                     task = waiting.popleft()

@@ -35,20 +35,18 @@ def technique_tasks(techniques: list[Technique], profile: str, seed: int = 1, **
 
 
 def thinned(tasks: list[Task]) -> list[Task]:
-    """A quick look at everything: what a threshold, a table or a ladder needs; else one setting of a knob of
-    which none is watched by a threshold, and the ends and the middle of a stressed axis."""
-    asked: dict[tuple, list[Task]] = {}
+    """A quick look at everything: what a threshold, a table or a ladder needs, and the ends and the middle of
+    a stressed axis."""
+    stressed: dict[tuple, list[Task]] = {}
     for task in tasks:
         for role in task.roles:
-            asked.setdefault((task.technique, task.scene, role), []).append(task)
+            if role.startswith("stress:"):
+                stressed.setdefault((task.technique, task.scene, role), []).append(task)
     kept = {id(t) for t in tasks if any(not role.startswith(("knob:", "stress:")) for role in t.roles)}
-    for (_, _, role), there in asked.items():
-        if role.startswith("stress:"):
-            field = role.removeprefix("stress:")
-            there = sorted(there, key=lambda t: t.make_scene().fields()[field])
-            kept |= {id(there[0]), id(there[len(there) // 2]), id(there[-1])}
-        elif not any(id(t) in kept for t in there):
-            kept.add(id(there[-1]))
+    for (_, _, role), there in stressed.items():
+        field = role.removeprefix("stress:")
+        there = sorted(there, key=lambda t: t.make_scene().fields()[field])
+        kept |= {id(there[0]), id(there[len(there) // 2]), id(there[-1])}
     return [t for t in tasks if id(t) in kept]
 
 

@@ -124,8 +124,9 @@ class Task:
 
 
 def wants_costs(task: Task) -> bool:
-    """Whether more is asked of a task than its errors at a stressed field, whose code is the default's."""
-    return not all(role.startswith("stress:") for role in task.roles)
+    """Whether more is asked of a task than its errors: at a stressed field the code is the default's, and a
+    threshold bounds no cost."""
+    return not all(role == "threshold" or role.startswith("stress:") for role in task.roles)
 
 
 @cache
@@ -297,6 +298,16 @@ def merge(tasks: list[Task]) -> list[Task]:
         else:
             found[label] = t
     return list(found.values())
+
+
+def in_order(tasks: list[Task]) -> list[Task]:
+    """Those of a technique on a scene together, with those that share the offline stage's result together."""
+    found: dict[tuple, dict[str, list[Task]]] = {}
+    for t in tasks:
+        offline = {} if t.technique == PATH_TRACER else find_measured(t.technique).split(t.knobs)[1]
+        alike = found.setdefault((t.technique, t.scene), {})
+        alike.setdefault(json.dumps(offline, sort_keys=True), []).append(t)
+    return [t for alike in found.values() for together in alike.values() for t in together]
 
 
 def points_on(cls: type[Scene], name: str, n: int) -> list[float]:

@@ -9,6 +9,7 @@ import os
 import re
 import threading
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,11 @@ MEMORY_SHARE = 0.6
 
 
 def start(device: str, plugins: tuple[str, ...], shared: str = "") -> None:
-    """Prepare the process: memory limit, variant, every scene and technique, plugins; and share turns and
-    closed forms with the other workers through a folder."""
+    """Prepare the process: memory limit, variant, every scene and technique, plugins; share turns with the
+    other workers through a folder, and closed forms with all runs of this user."""
     from approximations.contract import all_techniques, load_plugin
     from reference.store import sweep, user_store
-    from reference.toolchain import use_device
+    from reference.toolchain import cache_folder, use_device
     from reference.truth import keep_closed_forms
 
     threading.Thread(target=end_with_parent, daemon=True).start()
@@ -36,7 +37,8 @@ def start(device: str, plugins: tuple[str, ...], shared: str = "") -> None:
     all_techniques()
     if shared:
         turns.join(Path(shared) / "turn")
-        keep_closed_forms(Path(shared))
+        with suppress(OSError):
+            keep_closed_forms(cache_folder() / "closed_forms")
     for path in plugins:
         load_plugin(Path(path))
 

@@ -6,10 +6,14 @@ A closed form in float64 is taken where one is declared; otherwise independent M
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -126,10 +130,7 @@ def evaluate_closed_form(scene: Scene, quantity: Quantity, size: int) -> Truth:
     if function is None:
         raise BadInput(f"{type(scene).__name__} has no closed form of {quantity.name}")
     fine = 1 if quantity.probes else SUBSAMPLES
-    mean = _once(
-        [type(scene).__name__, scene.fields(), quantity.name, size],
-        lambda: box_filter(function(scene, size * fine), fine),
-    )
+    mean = _once(function, scene, quantity, size, lambda: box_filter(function(scene, size * fine), fine))
     channels = mean.shape[2]
     return Truth(
         mean,
@@ -148,26 +149,51 @@ def evaluate_closed_form(scene: Scene, quantity: Quantity, size: int) -> Truth:
     )
 
 
+UNUSED_DAYS = 30
 _kept: Path | None = None
 
 
 def keep_closed_forms(folder: Path) -> None:
-    """Have this process share the closed forms that it works out with others, through files in a folder that
-    lasts no longer than the code stays as it is."""
+    """Have this process share the closed forms that it works out with others and with later runs, as files in
+    a folder. Those that it has not looked up for UNUSED_DAYS are removed."""
     global _kept
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in folder.iterdir():
+        with suppress(OSError):
+            if path.stat().st_mtime < time.time() - UNUSED_DAYS * 86400:
+                path.unlink()
     _kept = folder
 
 
-def _once(question: list, work_out: Callable[[], np.ndarray]) -> np.ndarray:
+@cache
+def _code() -> str:
+    """Digest of all that a closed form may go through."""
+    root = Path(__file__).resolve().parents[1]
+    files = sorted((root / "scenes").glob("*.py")) + sorted((root / "reference").rglob("*.py"))
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
+
+
+def _once(
+    function: ClosedForm, scene: Scene, quantity: Quantity, size: int, work_out: Callable[[], np.ndarray]
+) -> np.ndarray:
     if _kept is None:
         return work_out()
-    name = hashlib.sha256(json.dumps(question, sort_keys=True).encode()).hexdigest()
-    path = _kept / f"{name}.npy"
-    if not path.is_file():
-        partial = _kept / f"{name}.{os.getpid()}.npy"
-        np.save(partial, work_out())
+    import mitsuba
+
+    own = [Path(inspect.getsourcefile(made)).read_text() for made in (function, type(scene))]
+    what = [type(scene).__name__, scene.fields(), quantity.name, size, mitsuba.variant(), _code(), own]
+    path = _kept / f"{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()}.npy"
+    if path.is_file():
+        with suppress(OSError):
+            os.utime(path)
+        return np.load(path)
+    found = work_out()
+    partial = _kept / f".{path.stem}.{os.getpid()}"
+    with suppress(OSError):
+        with partial.open("wb") as file:
+            np.save(file, found)
         partial.replace(path)
-    return np.load(path)
+    return found
 
 
 def box_filter(image: np.ndarray, n: int) -> np.ndarray:

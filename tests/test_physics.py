@@ -28,7 +28,15 @@ CATCHES = {
 }
 """The relative error of the energy that each of these finds with probability 95 %."""
 
-CRUDE = ("furnace_of_surfaces", "reciprocity_of_transport", "diffusion_limit", "similarity", "beer_in_grids")
+CRUDE = (
+    "furnace_of_surfaces",
+    "furnace_of_media",
+    "reciprocity_of_transport",
+    "diffusion_limit",
+    "similarity",
+    "beer_in_homogeneous_media",
+    "beer_in_grids",
+)
 """A few batches are enough for the faults that are seeded there."""
 
 

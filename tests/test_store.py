@@ -257,6 +257,23 @@ def test_a_closed_form_is_worked_out_once_by_all_who_share_a_folder(tmp_path, mo
     assert not np.array_equal(other.mean, plain.mean)
 
 
+def test_a_closed_form_is_worked_out_anew_once_the_code_changes_or_nobody_asked_for_a_month(
+    tmp_path, monkeypatch
+):
+    calls, filtered = [], truths.box_filter
+    monkeypatch.setattr(truths, "box_filter", lambda image, n: calls.append(n) or filtered(image, n))
+    monkeypatch.setattr(truths, "_kept", None)
+    truths.keep_closed_forms(tmp_path)
+    truths.evaluate_closed_form(Valley(), DIRECT_RADIANCE, 8)
+    monkeypatch.setattr(truths, "_code", lambda: "other")
+    truths.evaluate_closed_form(Valley(), DIRECT_RADIANCE, 8)
+    assert len(calls) == len(list(tmp_path.iterdir())) == 2
+    for path in tmp_path.iterdir():
+        os.utime(path, (0, 0))
+    truths.keep_closed_forms(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
 SAMPLER = """
 SHARE = {share}
 

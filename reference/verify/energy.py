@@ -83,7 +83,7 @@ def furnace_of_media(seed: int) -> list[Comparison]:
     balls = [(0.5, 0.0), (5.0, -0.5), (5.0, 0.85), (20.0, 0.0)]
     found = [(f"depth {t:g}, g {g:g}", ball(homogeneous(t / 2, g))) for t, g in balls]
     found.append(("uneven, depth up to 6, g 0.5", ball(uneven(3.0, 0.5))))
-    return [Comparison(label, mean_of(d, 8, 32, seed), Sampled.exact([1.0])) for label, d in found]
+    return [Comparison(label, mean_of(d, 8, 16, seed), Sampled.exact([1.0])) for label, d in found]
 
 
 @check(

@@ -35,7 +35,7 @@ HEASLET_WARMING = {0.1: 0.9157, 0.2: 0.8491, 0.5: 0.7040, 2.0: 0.3900, 3.0: 0.30
 H_FUNCTION = {0.1: 1.24735, 0.2: 1.45035, 0.5: 2.01278, 1.0: 2.90781}
 """Cosine: H."""
 THICK = 8.0
-BATCHES = 32
+BATCHES = 16
 VAN_DE_HULST = {"reflectance": 0.09739, "transmittance": 0.66096}
 """Optical depth 2, albedo 0.9, Henyey and Greenstein's phase function of g = 0.75, a beam straight down."""
 GIOVANELLI = 0.2600

@@ -91,7 +91,7 @@ def direct_against_path(seed: int) -> list[Comparison]:
     ]
 
 
-LIGHT_PATHS = (("path", "multijitter", 256), ("ptracer", "independent", 2048))
+LIGHT_PATHS = (("path", "multijitter", 144), ("ptracer", "independent", 1152))
 """Integrator, sampler, samples a pixel; particles are cheaper and rarer."""
 
 
@@ -145,7 +145,7 @@ def volpath_against_volpathmis(seed: int) -> list[Comparison]:
     for scene in (CloudSphere(), CloudSlab(optical_depth=8.0), FogOverGround()):
         how = transport(scene.mitsuba(SIZE), RADIANCE, SIZE).integrator
         a, b = (
-            draws(scene.mitsuba(SIZE), {**how, "type": kind}, seeds(seed, 0), 64)[..., :1]
+            draws(scene.mitsuba(SIZE), {**how, "type": kind}, seeds(seed, 0), 16)[..., :1]
             for kind in ("volpath", "volpathmis")
         )
         paired = Sampled(a.mean(axis=0), Sampled.of(a - b).variance, BATCHES)
@@ -162,9 +162,9 @@ def volpath_against_volpathmis(seed: int) -> list[Comparison]:
 
 
 SCALAR = (
-    (SphereOverPlane(), 64),
-    (Valley(), 64),
-    (GlassSheets(), 64),
+    (SphereOverPlane(), 16),
+    (Valley(), 16),
+    (GlassSheets(), 16),
     (FogOverGround(), 36),
     (CloudSlab(optical_depth=4.0, g=0.2), 36),
     (CloudSphere(optical_depth=4.0, g=0.2), 36),
@@ -197,11 +197,11 @@ def arrays_against_scalar(seed: int) -> list[Comparison]:
 
 
 GREY = (
-    (SphereOverPlane(), 256),
-    (Valley(), 256),
-    (FogOverGround(), 144),
+    (SphereOverPlane(), 100),
+    (Valley(), 100),
+    (FogOverGround(), 100),
     (CloudSphere(optical_depth=4.0, g=0.2), 400),
-    (DeepInterreflection(saturation=0.0), 256),
+    (DeepInterreflection(saturation=0.0), 100),
     (Atmosphere(exponent=0.0), 400),
 )
 

@@ -58,10 +58,10 @@ def fog_against_walks(seed: int) -> list[Comparison]:
     found = []
     for quantity, meetings in ((RADIANCE, math.inf), (SINGLE_SCATTERING, 1)):
         own = walked(
-            lambda rng, m=meetings: fog_monte_carlo.radiance(scene, SIZE, 64, rng, m), seeds(seed, 0)
+            lambda rng, m=meetings: fog_monte_carlo.radiance(scene, SIZE, 32, rng, m), seeds(seed, 0)
         )
         found.append(
-            comparison(name(scene, quantity), grey(rendered(scene, quantity, seeds(seed, 1), 256)), own)
+            comparison(name(scene, quantity), grey(rendered(scene, quantity, seeds(seed, 1), 144)), own)
         )
     return found
 

@@ -22,7 +22,7 @@ from scenes.mitsuba_parts import uniform_sky
 
 HOPF = 0.710446
 EXTRAPOLATION = 0.005
-BATCHES = 32
+BATCHES = 16
 WIDE = 1000.0
 """Half width over height: less than 1e-6 of the light comes or goes by the sides."""
 
