@@ -124,9 +124,8 @@ class Task:
 
 
 def wants_costs(task: Task) -> bool:
-    """Whether more is asked of a task than its errors: at a stressed field the code is the default's, and a
-    threshold bounds no cost."""
-    return not all(role == "threshold" or role.startswith("stress:") for role in task.roles)
+    """Whether more is asked of a task than its errors at a stressed field, whose code is the default's."""
+    return not all(role.startswith("stress:") for role in task.roles)
 
 
 @cache
