@@ -34,6 +34,7 @@ from approximations.contract import (
     Sweep,
     technique,
 )
+from approximations.kit.cloud_march import light_depth
 from scenes.contract import SOURCE_FUNCTION, Scene, View
 from scenes.cumulus_sky import CumulusUnderSky
 
@@ -72,7 +73,7 @@ def cloud_ambient(
         h = dr.clip((x.z - cloud.model.base) / (cloud.model.top - cloud.model.base), 0, 1)
         return share * dr.lerp(ground, sky, h)
     k = cloud.precipitation * (1 - cloud.g if depth == "similar" else 1)
-    above, below = (_e2(k * _depth(view, x, w, steps)) for w in (up, -up))
+    above, below = (_e2(k * light_depth(view, x, steps, towards=w)) for w in (up, -up))
     return 0.5 * (sky * above + ground * below)
 
 
@@ -94,16 +95,3 @@ def _e2(t: mi.Float) -> mi.Float:
     start = (mi.UInt32(0), dr.zeros(mi.Float, dr.width(t)))
     _, total = dr.while_loop(start, lambda i, total: i < COSINES, add)
     return total / COSINES
-
-
-def _depth(view: View, x: mi.Point3f, w: mi.Vector3f, steps: int) -> mi.Float:
-    """Optical depth from x to where the cloud ends along w, without rain, by samples amid even steps."""
-    _, way_out = view.cloud.span(x, w)
-    h = way_out / steps
-
-    def march(i, total):
-        return i + 1, total + view.cloud.extinction(x + (mi.Float(i) + 0.5) * h * w)
-
-    start = (mi.UInt32(0), dr.zeros(mi.Float, dr.width(x)))
-    _, total = dr.while_loop(start, lambda i, total: i < steps, march)
-    return h * total

@@ -1,4 +1,4 @@
-"""Marches that techniques for clouds share: towards the sun for a light depth, and along the view ray.
+"""Marches that techniques for clouds share: towards a light for its depth, and along the view ray.
 
 GPU Pro 7, II.4, sections 4.4.2 and 4.5. Both take even steps with one sample amid each.
 """
@@ -13,10 +13,16 @@ import mitsuba as mi
 from scenes.contract import View
 
 
-def light_depth(view: View, x: mi.Point3f, steps: int, active: mi.Bool | bool = True) -> mi.Float:
-    """Optical depth from points x (m) to where the cloud ends towards the sun, without rain, by `steps`
-    samples; 0 where not active."""
-    cloud, l = view.cloud, view.sun.direction
+def light_depth(
+    view: View,
+    x: mi.Point3f,
+    steps: int,
+    active: mi.Bool | bool = True,
+    towards: mi.Vector3f | None = None,
+) -> mi.Float:
+    """Optical depth from points x (m) to where the cloud ends towards the sun, or along other unit vectors,
+    without rain, by `steps` samples; 0 where not active."""
+    cloud, l = view.cloud, view.sun.direction if towards is None else towards
     _, way_out = cloud.span(x, l)
     h = way_out / steps
 
