@@ -17,6 +17,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from compare import turns
 from compare.statistics import median
 
 REPEATS, LEAST_REPEATS = 10, 3
@@ -75,20 +76,22 @@ def frame_cost(
 ) -> dict:
     """What a frame costs. frame: lazily builds the image; its inputs are evaluated already. counted: its
     work, where that is known from elsewhere. patience: seconds after which it is timed no more often than
-    LEAST_REPEATS.
+    LEAST_REPEATS. Only where it is timed does it have the machine to itself.
 
     Returns frame_ms, calibration_ms and frame_over_calibration with intervals, compile_ms (of the first
     call, near 0 where compiled_before), operations, rays and bytes, and peak_bytes.
     """
     with recording():
-        run(calibration)
-        first = run(frame)
+        with turns.computing():
+            run(calibration)
+            first = run(frame)
         dr.detail.malloc_clear_statistics()
         frames, controls = [], []
-        until = time.perf_counter() + patience
-        while len(frames) < LEAST_REPEATS or (len(frames) < REPEATS and time.perf_counter() < until):
-            controls.append(milliseconds(run(calibration)))
-            frames.append(milliseconds(run(frame)))
+        with turns.timed():
+            until = time.perf_counter() + patience
+            while len(frames) < LEAST_REPEATS or (len(frames) < REPEATS and time.perf_counter() < until):
+                controls.append(milliseconds(run(calibration)))
+                frames.append(milliseconds(run(frame)))
         peak = dr.detail.malloc_watermark(dr.backend_v(mi.Float))
     return {
         "frame_ms": median(frames).plain(),

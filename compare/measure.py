@@ -51,8 +51,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
         with turns.computing():
             frame, costs = frames(scene, quantity, task.size, task.knobs, task.seed), None
         if wants_costs(task):
-            with turns.timed():
-                costs = plain_cost(frame, task, cost.NOT_COUNTED)
+            costs = plain_cost(frame, task, cost.NOT_COUNTED)
         with turns.computing():
             estimate = sampled(frame, SHOWN_NOISE if SETTLED & set(task.roles) else math.inf)
         image = estimate.mean
@@ -61,7 +60,7 @@ def measure(task: Task, folder: Path) -> list[dict]:
         with turns.computing():
             estimate, image = None, evaluate(technique, scene, quantity, task.knobs, task.size)
     with turns.computing():
-        if technique.bake_function and shown:
+        if technique.bake_function and shown and task.all_counted:
             bake = technique.split(task.knobs)[1]
             costs["bake_rays"] = bake_rays(technique, scene, task.size, bake)
         return judged(task, technique, folder, image, estimate, costs)
@@ -256,17 +255,16 @@ def technique_cost(technique: Technique, scene: Scene, quantity: Quantity, task:
     extra, bake_ms = (), None
     with turns.computing():
         view = make_view(scene, task.size, quantity.probes)
-    with turns.timed():
-        if technique.bake_function is not None:
-            result, bake_ms = timed_bake(technique.name, scene, task.size, tuple(sorted(bake.items())))
-            extra = (result,)
-        costs = cost.frame_cost(
-            lambda: technique(view, *extra, **frame),
-            task.size**2,
-            cost.NOT_COUNTED,
-            cost.PATIENCE * task.seconds,
-        )
-    if not task.counted:
+    if technique.bake_function is not None:
+        result, bake_ms = timed_bake(technique.name, scene, task.size, tuple(sorted(bake.items())))
+        extra = (result,)
+    costs = cost.frame_cost(
+        lambda: technique(view, *extra, **frame),
+        task.size**2,
+        cost.NOT_COUNTED,
+        cost.PATIENCE * task.seconds,
+    )
+    if not (task.all_counted or "default" in task.roles):
         return {"bake_ms": bake_ms} | costs
     with turns.computing():
         counted = cost.work(lambda: technique(view, *extra, **frame))
@@ -280,7 +278,7 @@ def timed_bake(name: str, scene: Scene, size: int, settings: tuple) -> tuple[Any
 
     technique = find_measured(name)
     view = make_view(scene, size, technique.estimates.probes)
-    with cost.recording():
+    with turns.timed(), cost.recording():
         result = technique.run_bake(view, dict(settings))
         dr.eval(result)
         dr.sync_thread()
@@ -395,7 +393,8 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
     `independent`, which is unbiased at so few.
 
     The first of the frames that are timed, as many as every frame is timed at least, are the independent
-    images that are judged. Work is counted at one sample per pixel and grows with the samples.
+    images that are judged. Work, where it is wanted, is counted at one sample per pixel and grows with the
+    samples.
     """
     import mitsuba as mi
 
@@ -418,11 +417,12 @@ def measure_path_tracer(task: Task, folder: Path) -> dict:
         images.append(loaded.integrator().render(loaded, loaded.sensors()[0], seed=next(seeds), spp=spp))
         return images[-1]
 
-    with turns.computing():
-        counted = path_tracer_work(scene, quantity, task.size)
-    counted = {k: None if v is None else v * spp for k, v in counted.items()}
-    with turns.timed():
-        costs = plain_cost(frame, task, counted)
+    counted = cost.NOT_COUNTED
+    if task.all_counted:
+        with turns.computing():
+            once = path_tracer_work(scene, quantity, task.size)
+        counted = {k: None if v is None else v * spp for k, v in once.items()}
+    costs = plain_cost(frame, task, counted)
     with turns.computing():
         images = [to_array(image) for image in images[: 1 + cost.LEAST_REPEATS]]
         per_image = [metrics.errors(image, truth, quantity, None) for image in images]

@@ -71,6 +71,7 @@ def path_tracer_tasks(
             seed,
             600,
             demand=demand,
+            all_counted=True,
         )
         for q in names
     ]

@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 class Profile:
     """How much of everything: image sizes, points on a stress axis, path-tracer samples, seconds that
     one measurement may take, batches that a truth may grow to before a question is left unsettled, and
-    whether the work of every setting is counted or that of the default ones alone: a count takes longer than
+    whether all work is counted or that of the techniques' default frames alone: a count takes longer than
     all else."""
 
     name: str
@@ -74,7 +74,7 @@ class Task:
     seconds: float = 120
     batches: int = 128
     demand: Demand = ENOUGH
-    counted: bool = False
+    all_counted: bool = False
 
     def make_scene(self) -> Scene:
         """The scene with its fields set."""
@@ -229,7 +229,7 @@ def plan(
                     profile.seconds,
                     profile.batches,
                     demand,
-                    profile.all_counted or "default" in roles,
+                    profile.all_counted,
                 )
 
             tasks.append(task(settings, "default"))
@@ -261,6 +261,7 @@ def plan(
                 seed,
                 profile.seconds,
                 demand=demand,
+                all_counted=profile.all_counted,
             )
             for q in rendered
             for n in samples(profile, name)
@@ -292,8 +293,7 @@ def merge(tasks: list[Task]) -> list[Task]:
         if label in found:
             roles = tuple(dict.fromkeys(found[label].roles + t.roles))
             quantities = tuple(dict.fromkeys(found[label].quantities + t.quantities))
-            counted = found[label].counted or t.counted
-            found[label] = replace(found[label], roles=roles, quantities=quantities, counted=counted)
+            found[label] = replace(found[label], roles=roles, quantities=quantities)
         else:
             found[label] = t
     return list(found.values())
