@@ -76,19 +76,12 @@ def declared() -> Rendering:
     )
 
 
-def frames(
-    scene: Scene, quantity: Quantity, size: int, settings: dict[str, Any], seed: int
-) -> Callable[[], Any]:
-    """() -> the next frame, each with noise of its own."""
-    draw, seeds = rgb_rendering(scene, quantity, size, **settings), frame_seeds(seed)
-    return lambda: draw(next(seeds))
-
-
-def sampled(frame: Callable[[], Any], noise: float = math.inf) -> Truth:
-    """The mean of FRAMES frames, or of as many as the pixel noise takes, with its variance."""
+def sampled(draw: Callable[[int], Any], seed: int, noise: float = math.inf) -> Truth:
+    """The mean of FRAMES frames draw(seed), or of as many as the pixel noise takes, with its variance."""
+    seeds = frame_seeds(seed)
 
     def batches() -> Truth:
-        return from_batches(np.stack([to_array(frame()) for _ in range(FRAMES)]))
+        return from_batches(np.stack([to_array(draw(next(seeds))) for _ in range(FRAMES)]))
 
     estimate = batches()
     while estimate.pixel_noise > noise and estimate.batches < MOST_FRAMES:

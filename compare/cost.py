@@ -76,7 +76,7 @@ def frame_cost(
 ) -> dict:
     """What a frame costs. frame: lazily builds the image; its inputs are evaluated already. counted: its
     work, where that is known from elsewhere. patience: seconds after which it is timed no more often than
-    LEAST_REPEATS. Only where it is timed does it have the machine to itself.
+    LEAST_REPEATS. Only while it is timed, after one more run to warm up, does it have the machine to itself.
 
     Returns frame_ms, calibration_ms and frame_over_calibration with intervals, compile_ms (of the first
     call, near 0 where compiled_before), operations, rays and bytes, and peak_bytes.
@@ -88,6 +88,8 @@ def frame_cost(
         dr.detail.malloc_clear_statistics()
         frames, controls = [], []
         with turns.timed():
+            run(calibration)
+            run(frame)
             until = time.perf_counter() + patience
             while len(frames) < LEAST_REPEATS or (len(frames) < REPEATS and time.perf_counter() < until):
                 controls.append(milliseconds(run(calibration)))

@@ -46,14 +46,16 @@ def measure(task: Task, folder: Path) -> list[dict]:
     quantity = technique.estimates
     shown = "default" in task.roles
     if task.technique == RGB_RENDERING:
-        from compare.colour import SHOWN_NOISE, frames, sampled
+        from compare.colour import SHOWN_NOISE, rgb_rendering, sampled
 
         with turns.computing():
-            frame, costs = frames(scene, quantity, task.size, task.knobs, task.seed), None
+            draw, costs = rgb_rendering(scene, quantity, task.size, **task.knobs), None
         if wants_costs(task):
-            costs = plain_cost(frame, task, cost.NOT_COUNTED)
+            seeds = stochastic.frame_seeds(task.seed)
+            costs = plain_cost(lambda: draw(next(seeds)), task, cost.NOT_COUNTED)
         with turns.computing():
-            estimate = sampled(frame, SHOWN_NOISE if SETTLED & set(task.roles) else math.inf)
+            noise = SHOWN_NOISE if SETTLED & set(task.roles) else math.inf
+            estimate = sampled(draw, task.seed, noise)
         image = estimate.mean
     else:
         costs = technique_cost(technique, scene, quantity, task) if wants_costs(task) else None

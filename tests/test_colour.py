@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from compare import gate, stochastic
-from compare.colour import declared, frames, sampled
+from compare.colour import declared, rgb_rendering, sampled
 from compare.measure import measure
 from compare.task import PATH_TRACER, PROFILES, RGB_RENDERING, ROOT, Task, find_measured, plan
 from reference.closed_form.coloured_glass import radiance, rgb_radiance
@@ -230,8 +230,7 @@ def from_exact(mean):
 
 
 def test_noise_is_that_of_a_single_frame():
-    scene, settings = DeepInterreflection(), {"extinction": "band"}
-    estimate, finer = (sampled(frames(scene, RADIANCE, 16, settings | {"spp": n}, 1)) for n in (4, 64))
+    estimate, finer = (sampled(rgb_rendering(DeepInterreflection(), RADIANCE, 16, spp=n), 1) for n in (4, 64))
     truth = from_exact(finer.mean)
     ratio = stochastic.noise(estimate, truth) / stochastic.noise(finer, truth)
     assert ratio == pytest.approx(4, rel=0.3)

@@ -69,6 +69,14 @@ def test_plain_squared_error_is_overstated_by_the_noise(rng):
     assert abs(unbiased) < plain / 50
 
 
+def test_an_image_that_meets_a_noisy_truth_too_well_still_has_an_interval(rng):
+    """All of d'Cd is noise there, and few batches may say less than none is left."""
+    truth = trial(rng, image(rng, 1), 0.1, 0, 4)
+    found = statistics.mse(truth.mean, truth)
+    least = 1.96 * math.sqrt(2 * statistics.trace_square(truth).sum()) / truth.mean.size
+    assert found.high - found.value == pytest.approx(least, rel=1e-3)
+
+
 def test_relative_mse_of_a_two_pixel_image_by_hand():
     truth = exact([[1.0, 3.0]])
     e = metrics.errors(np.array([[[1.1], [2.4]]]), truth, RADIANCE, None)

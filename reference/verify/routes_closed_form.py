@@ -223,7 +223,7 @@ def fog_against_volpath(seed: int) -> list[Comparison]:
         parts = {k: v for k, v in scene.mitsuba(SIZE).items() if k != "sun"}
         description = {**parts, **lit, "sky": uniform_sky(1.0), "fog": {**scene.medium(), "albedo": 0.0}}
         closed = fog.fog_transmittance(scene, SIZE)
-        found.append(compared(scene, TRANSMITTANCE, closed, seed, 144, voxels(scene) * closed, description))
+        found.append(compared(scene, TRANSMITTANCE, closed, seed, 320, voxels(scene) * closed, description))
     return found
 
 
