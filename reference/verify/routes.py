@@ -202,7 +202,7 @@ GREY = (
     (FogOverGround(), 100),
     (CloudSphere(optical_depth=4.0, g=0.2), 400),
     (DeepInterreflection(saturation=0.0), 100),
-    (Atmosphere(exponent=0.0), 400),
+    (Atmosphere(exponent=0.0), 256),
 )
 
 

@@ -201,7 +201,7 @@ def _surfaces(scene: Scene) -> np.ndarray:
     return np.array(si.is_valid() & dark).reshape(SIZE, SIZE)
 
 
-ROOMS = ((ColouredRoom(), 64), (PolishedFloorRoom(), 256), (BrickWall(), 64))
+ROOMS = ((ColouredRoom(), 64), (PolishedFloorRoom(), 160), (BrickWall(), 64))
 """Scenes, and own paths of a batch through a pixel centre."""
 
 

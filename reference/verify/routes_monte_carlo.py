@@ -67,7 +67,7 @@ def fog_against_walks(seed: int) -> list[Comparison]:
 
 
 CLOUDS = (
-    (CloudSlab(optical_depth=4.0, g=0.2), 160, 512),
+    (CloudSlab(optical_depth=4.0, g=0.2), 100, 320),
     (CloudSlab(optical_depth=4.0, g=0.5, seen="below"), 64, 512),
     (CloudSlab(optical_depth=8.0, precipitation=2.0, rain="absorbing"), 32, 256),
     (CloudSphere(optical_depth=4.0, g=0.2), 192, 1024),
