@@ -183,9 +183,8 @@ def _once(
     own = [Path(inspect.getsourcefile(made)).read_text() for made in (function, type(scene))]
     what = [type(scene).__name__, scene.fields(), quantity.name, size, mitsuba.variant(), _code(), own]
     path = _kept / f"{hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()}.npy"
-    if path.is_file():
-        with suppress(OSError):
-            os.utime(path)
+    with suppress(OSError, ValueError, EOFError):  # not there, not ours to touch, or not whole
+        os.utime(path)
         return np.load(path)
     found = work_out()
     partial = _kept / f".{path.stem}.{os.getpid()}"

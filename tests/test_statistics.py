@@ -1,6 +1,7 @@
 """The tester tested: every statistic under known errors and known noise, every metric by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,12 +70,15 @@ def test_plain_squared_error_is_overstated_by_the_noise(rng):
     assert abs(unbiased) < plain / 50
 
 
-def test_an_image_that_meets_a_noisy_truth_too_well_still_has_an_interval(rng):
-    """All of d'Cd is noise there, and few batches may say less than none is left."""
-    truth = trial(rng, image(rng, 1), 0.1, 0, 4)
+def test_an_image_that_meets_a_noisy_truth_too_well_still_has_an_interval():
+    """By hand: n means of variance v from 4 batches make a squared error of variance 2 v^2 / n, of which an
+    estimate of v from 4 is too high by the factor 1 + 2 / 3."""
+    n, v = 64, 0.01
+    truth = exact(np.ones((8, 8)))
+    truth = replace(truth, variance=np.full_like(truth.mean, v), batches=4)
     found = statistics.mse(truth.mean, truth)
-    least = 1.96 * math.sqrt(2 * statistics.trace_square(truth).sum()) / truth.mean.size
-    assert found.high - found.value == pytest.approx(least, rel=1e-3)
+    assert found.value == pytest.approx(-v)
+    assert found.high - found.value == pytest.approx(1.96 * v * math.sqrt(2 / n / (5 / 3)), rel=1e-3)
 
 
 def test_relative_mse_of_a_two_pixel_image_by_hand():

@@ -257,7 +257,7 @@ def test_a_closed_form_is_worked_out_once_by_all_who_share_a_folder(tmp_path, mo
     assert not np.array_equal(other.mean, plain.mean)
 
 
-def test_a_closed_form_is_worked_out_anew_once_the_code_changes_or_nobody_asked_for_a_month(
+def test_a_closed_form_is_worked_out_anew_for_other_code_a_broken_file_or_after_a_month(
     tmp_path, monkeypatch
 ):
     calls, filtered = [], truths.box_filter
@@ -268,6 +268,11 @@ def test_a_closed_form_is_worked_out_anew_once_the_code_changes_or_nobody_asked_
     monkeypatch.setattr(truths, "_code", lambda: "other")
     truths.evaluate_closed_form(Valley(), DIRECT_RADIANCE, 8)
     assert len(calls) == len(list(tmp_path.iterdir())) == 2
+    for path in tmp_path.iterdir():
+        path.write_bytes(path.read_bytes()[:100])
+    truths.evaluate_closed_form(Valley(), DIRECT_RADIANCE, 8)
+    truths.evaluate_closed_form(Valley(), DIRECT_RADIANCE, 8)
+    assert len(calls) == 3
     for path in tmp_path.iterdir():
         os.utime(path, (0, 0))
     truths.keep_closed_forms(tmp_path)
