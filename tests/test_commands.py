@@ -153,6 +153,7 @@ def readme_plugin() -> str:
 
 
 def start(place: Path, words, **more) -> subprocess.Popen:
+    """A command that can be interrupted even where these tests run in a shell's background, which cannot."""
     own = {
         "LIGHTPROOF_STORE": str(place / "store"),
         "XDG_CACHE_HOME": str(place / "cache"),
@@ -165,6 +166,7 @@ def start(place: Path, words, **more) -> subprocess.Popen:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         text=True,
     )
 
