@@ -12,6 +12,7 @@ from PythonicDISORT import pydisort
 from approximations.clouds.cloud_light import cloud_light, cloud_source
 from approximations.kit.phase import henyey_greenstein
 from reference import slab_monte_carlo as walk
+from reference import source_function
 from reference.source_function import in_slab, once_scattered_by_slab, once_scattered_by_sphere
 from scenes.cloud import CloudSlab, CloudSphere
 
@@ -346,3 +347,13 @@ def test_side_lit_ball_is_the_anchor_table(depth, energy, values):
 @pytest.mark.parametrize("scene", [CloudSlab(), CloudSphere(sun_angle=160.0)])
 def test_defaults_stay_far_darker_than_all_orders(scene):
     assert image(cloud_light, scene.view(32)).mean() < 0.5 * render(scene, 16, 32).mean()
+
+
+def test_the_ball_s_single_scattering_has_converged_at_every_depth_of_its_axis(monkeypatch):
+    for depth in (0.1, 64.0, 200.0):
+        ball = CloudSphere(optical_depth=depth)
+        monkeypatch.setattr(source_function, "PANELS", 12)
+        plain = once_scattered_by_sphere(ball, 24)
+        monkeypatch.setattr(source_function, "PANELS", 40)
+        finer = once_scattered_by_sphere(ball, 24)
+        assert np.abs(plain - finer).max() < 1e-4 * finer.mean()
